@@ -1,10 +1,12 @@
 //! Buffers of a picture, during rendering and when it is complete.
 
+use super::kept::Rows;
 use super::tile::TilePixels;
 use crate::base::error::Result;
 use crate::base::memory::zeroed;
 use crate::scene::SceneState;
 use crate::scene::camera::PixelRays;
+use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// A buffer of a picture. Rows run from top to bottom, pixels from left to right, without padding.
@@ -158,22 +160,23 @@ impl Film {
         all
     }
 
-    /// Copies a tile with upper left pixel (`x`, `y`) to the buffers and the targets.
-    pub fn take(&self, x: u32, y: u32, tile: &TilePixels) {
+    /// Copies those pixels of a tile with upper left pixel (`x`, `y`) that are in `rows` to the buffers and the targets.
+    pub fn take(&self, x: u32, y: u32, tile: &TilePixels, rows: &Rows) {
         for buffer in Buffer::ALL {
             let size = buffer.pixel_bytes();
             if let Some(pixels) = &self.buffers[buffer as usize] {
                 let mut pixels = pixels.lock().unwrap_or_else(PoisonError::into_inner);
                 let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut pixels.0);
-                for row in 0..tile.height {
-                    let at = ((y + row) as usize * self.width as usize + x as usize) * size;
-                    let source = tile.row(buffer, row);
+                for (row, columns) in runs(rows) {
+                    let at = ((y + row) as usize * self.width as usize + x as usize + columns.start) * size;
+                    let source = &tile.row(buffer, row)[columns.start * size..columns.end * size];
                     bytes[at..at + source.len()].copy_from_slice(source);
                 }
             }
             for (_, target) in self.targets.iter().filter(|(b, _)| *b == buffer) {
-                for row in 0..tile.height {
-                    target.write(x, y + row, tile.row(buffer, row));
+                for (row, columns) in runs(rows) {
+                    let pixels = &tile.row(buffer, row)[columns.start * size..columns.end * size];
+                    target.write(x + columns.start as u32, y + row, pixels);
                 }
             }
         }
@@ -200,6 +203,19 @@ impl Film {
         let bare = |b: Option<Mutex<Pixels>>| b.map(|m| m.into_inner().unwrap_or_else(PoisonError::into_inner));
         Spare { size: (self.width, self.height), buffers: self.buffers.map(bare) }
     }
+}
+
+/// Iterates over the runs of neighbouring pixels in `rows`: for each, its row and its columns.
+fn runs(rows: &Rows) -> impl Iterator<Item = (u32, Range<usize>)> {
+    rows.iter().zip(0..).flat_map(|(&pixels, row)| {
+        let mut left = pixels;
+        std::iter::from_fn(move || {
+            let start = left.trailing_zeros();
+            let len = left.checked_shr(start)?.trailing_ones();
+            left &= !(u32::MAX >> (32 - len) << start);
+            Some((row, start as usize..(start + len) as usize))
+        })
+    })
 }
 
 impl Spare {

@@ -15,9 +15,10 @@ use super::frame::FrameSettings;
 use super::integrators::Integrator;
 use super::integrators::direct::{Asks, Direct, Scratch};
 use super::integrators::plain;
-use super::passes::{Next, Now, Passes, Seen, effective_poe};
+use super::kept::Kept;
+use super::passes::{Next, Now, Passes, Seen};
 use super::status::Progress;
-use super::tile::{Tally, TilePixels, tiles_from_the_middle};
+use super::tile::{TilePixels, tiles_from_the_middle};
 use super::wants::Wants;
 use crate::base::error::{Error, Result};
 use crate::base::tasks::{Ending, Job, Work};
@@ -36,6 +37,9 @@ const GLIMPSES: Duration = Duration::from_millis(80);
 
 /// Shortest and longest time of reading before the next picture, if the thread that waits for the picture reads.
 const READS: (Duration, Duration) = (Duration::from_millis(80), Duration::from_secs(1));
+
+/// Shortest time between two pictures while panes are completed: each is a copy.
+const PANES_SHOWN: Duration = Duration::from_millis(100);
 
 /// Longest wait for reads in progress by a request that would end coarser than requested. No view wants these blocks
 /// any more, but their end may show that finer detail fits.
@@ -110,6 +114,10 @@ struct Running {
     /// Begin of the current pass; `pass_took` is the duration of the last one.
     pass_begun: Instant,
     pass_took: Duration,
+    /// Time of the last picture.
+    shown_at: Instant,
+    /// Error of the first block that could not be read for a pane.
+    unreadable: Option<Arc<Error>>,
     /// True while the thread that waits for the request reads blocks. That thread then checks for news itself.
     is_read_for: bool,
     job: Option<Job>,
@@ -149,6 +157,8 @@ impl Request {
             accept_missing: true,
             pass_begun: Instant::now(),
             pass_took: Duration::ZERO,
+            shown_at: Instant::now(),
+            unreadable: None,
             is_read_for: false,
             job: None,
             free: Vec::new(),
@@ -288,7 +298,9 @@ impl Request {
         if afresh {
             let first = running.stamp == 0;
             running.stamp = self.view.begin_pass(first && !self.unchanged);
-            running.passes.pressure = self.view.pressure();
+            if !running.passes.has_panes() {
+                running.passes.pressure = self.view.pressure();
+            }
         }
         let snapshots = Snapshots::take(&self.scene);
         // If all blocks are in memory, traversals need no checks for missing blocks.
@@ -322,7 +334,7 @@ impl Request {
         if self.running().passes.is_probe {
             return self.after_glimpse(wants.is_empty());
         }
-        if wants.is_empty() {
+        if wants.is_empty() && !self.running().passes.has_panes() {
             self.ease();
         }
         // The errors are collected before the state is read, because a request of another frame may clear them.
@@ -336,7 +348,15 @@ impl Request {
             drop(running);
             return self.finish(&End::Cancelled);
         }
+        if running.passes.has_panes() && seen.wants == ViewState::Failed && running.unreadable.is_none() {
+            running.unreadable = unreadable.clone();
+        }
+        let unreadable = unreadable.or_else(|| running.unreadable.clone());
         match running.passes.next(seen, self.settings.poe) {
+            Next::Pane => {
+                drop(running);
+                self.begin_pane();
+            }
             Next::Pass { afresh } => self.begin_pass(running, afresh),
             Next::Wait => running.phase = Phase::Waiting,
             Next::End { is_converged } => {
@@ -344,6 +364,23 @@ impl Request {
                 drop(running);
                 self.finish(&if is_converged { End::Converged } else { End::Budget(unreadable) });
             }
+        }
+    }
+
+    /// Begins the next pane, or waits for the turn of this view: the views of a context take turns, because two panes
+    /// at once may not fit.
+    fn begin_pane(&self) {
+        self.view.end_turn(self.number);
+        if self.view.takes_turn(self.number) {
+            self.running().passes.begin_pane();
+            return self.begin_pass(self.running(), true);
+        }
+        let mut running = self.running();
+        running.phase = Phase::Waiting;
+        drop(running);
+        // The other view may have ended its turn meanwhile.
+        if self.view.takes_turn(self.number) {
+            self.news();
         }
     }
 
@@ -388,6 +425,7 @@ impl Request {
 
     fn finish(&self, end: &End) {
         let film = self.film.lock().unwrap_or_else(PoisonError::into_inner).take();
+        self.view.end_turn(self.number);
         {
             let mut running = self.running();
             running.free.clear();
@@ -411,13 +449,14 @@ fn is_fine(scene: &SceneState, rays: &PixelRays) -> bool {
 impl Work for Request {
     fn run(&self, item: usize) -> Result<()> {
         let Some(film) = self.film() else { return Ok(()) };
-        let (index, is_probe, samples, pressure, stamp, accept_missing, snapshots, tile_scratch) = {
+        let (index, is_probe, packets, effort, pressure, stamp, accept_missing, snapshots, tile_scratch) = {
             let mut running = self.running();
             let Some(snapshots) = running.snapshots.clone() else { return Ok(()) };
             let passes = &running.passes;
-            let (index, samples, pressure) = (passes.tile(item), passes.samples, passes.pressure);
+            let (index, pressure) = (passes.tile(item), passes.pressure);
+            let (packets, effort) = (passes.packets(index), passes.effort(self.settings.poe));
             let (stamp, accept_missing) = (running.stamp, running.accept_missing);
-            (index, passes.is_probe, samples, pressure, stamp, accept_missing, snapshots, running.free.pop())
+            (index, passes.is_probe, packets, effort, pressure, stamp, accept_missing, snapshots, running.free.pop())
         };
         let tile = self.corners[index];
         let mut tile_scratch = tile_scratch
@@ -435,9 +474,9 @@ impl Work for Request {
             view,
             rays: &self.rays,
             size: (film.width, film.height),
-            samples,
+            samples: effort.samples,
             ambient: self.settings.ambient.max(0.0),
-            poe: effective_poe(self.settings.poe, pressure),
+            poe: effort.poe,
             is_pressed: pressure > 1.0,
             srgb: &self.srgb,
             asks,
@@ -448,21 +487,23 @@ impl Work for Request {
         let stop = || self.stop.load(Relaxed);
         let TileScratch { pixels, scratch } = &mut *tile_scratch;
         scratch.wants.clear();
-        let tally = if is_probe {
+        let kept = if is_probe {
             TilePixels::probe(&integrator, tile, scratch);
-            Some(Tally::default())
+            Some(Kept::default())
         } else {
-            let tally = pixels.render(&integrator, tile, wanted, scratch, stop);
-            if tally.is_some() {
-                film.take(tile.0, tile.1, pixels);
+            pixels.render(&integrator, tile, packets, wanted, scratch, stop).map(|tally| {
+                // No other worker has this tile meanwhile.
+                let mut kept = self.running().passes.take(index);
+                let better = kept.add(pixels, tally, effort);
+                film.take(tile.0, tile.1, pixels, &better);
                 self.pixels_done.fetch_add(u64::from(pixels.width) * u64::from(pixels.height), Relaxed);
-            }
-            tally
+                kept
+            })
         };
         scratch.wants.add_up();
         let mut running = self.running();
-        if let Some(tally) = tally {
-            running.passes.done(index, tally, &tile_scratch.scratch.wants);
+        if let Some(kept) = kept {
+            running.passes.done(index, kept, &tile_scratch.scratch.wants);
         }
         running.free.push(tile_scratch);
         Ok(())
@@ -484,15 +525,18 @@ impl Work for Request {
             return self.finish(&end);
         }
         let is_picture = {
-            let passes = &self.running().passes;
-            // The end of the request shows the last picture. Under pressure another pass may follow this one.
-            let is_last = passes.nothing_is_lacking(self.settings.samples) && passes.pressure == 1.0;
-            !passes.is_probe && !is_last
+            let running = self.running();
+            let passes = &running.passes;
+            // The end of the request shows the last picture.
+            let is_due = !passes.has_panes() || running.shown_at.elapsed() >= PANES_SHOWN;
+            !passes.is_probe && !passes.is_last() && is_due
         };
         if let (Some(film), Some(owner), true) = (self.film(), self.owner.upgrade(), is_picture)
             && owner.improved(self, &film)
         {
-            self.running().passes.is_shown();
+            let mut running = self.running();
+            running.passes.is_shown();
+            running.shown_at = Instant::now();
         }
         self.go_on();
     }

@@ -5,6 +5,8 @@ pub mod film;
 pub mod frame;
 mod integrators;
 mod job;
+mod kept;
+mod panes;
 mod passes;
 pub mod prefetch;
 pub mod status;

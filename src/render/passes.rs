@@ -1,9 +1,12 @@
 //! Plan of a request's passes: the blocks that each tile lacked, and the next step after each pass.
 
+use super::kept::{Effort, Kept};
+use super::panes::{Panes, packets_of, tiles_of};
 use super::status::Progress;
-use super::tile::Tally;
+use super::tile::{PACKETS, Tally};
 use super::wants::Wants;
 use crate::residency::ViewState;
+use std::ops::Range;
 use std::sync::Arc;
 
 /// Conditions at the end of a pass.
@@ -36,6 +39,8 @@ pub(super) struct Now {
 pub(super) enum Next {
     /// A pass over the planned tiles. `afresh`: over all tiles, with the current pressure.
     Pass { afresh: bool },
+    /// A pass over the next pane, with the requested threshold. First the view needs its turn.
+    Pane,
     /// No work until blocks arrive.
     Wait,
     /// The request has ended.
@@ -50,10 +55,10 @@ pub(super) fn effective_poe(asked: f32, pressure: f32) -> f32 {
     if pressure > 1.0 { asked.max(LEAST_POE) * pressure } else { asked }
 }
 
-/// Result of the last rendering of a tile.
+/// A tile, and the blocks that its last rendering lacked.
 #[derive(Clone, Default)]
 struct Tile {
-    tally: Tally,
+    kept: Kept,
     wants: Wants,
 }
 
@@ -68,6 +73,9 @@ pub(super) struct Passes {
     pub samples: u32,
     asked_samples: u32,
     pub pressure: f32,
+    /// Set once the picture is completed pane by pane, and the current pane.
+    panes: Option<Panes>,
+    pane: Option<Range<usize>>,
     /// True if the residency has reported news since the last decision.
     pub has_news: bool,
     /// Number of pictures that were shown.
@@ -92,6 +100,8 @@ impl Passes {
             samples: 1,
             asked_samples: samples,
             pressure: 1.0,
+            panes: None,
+            pane: None,
             has_news: false,
             ended: 0,
             most_wanted: 0,
@@ -118,6 +128,41 @@ impl Passes {
         self.has_news = false;
     }
 
+    /// True if the picture is completed pane by pane.
+    pub fn has_panes(&self) -> bool {
+        self.panes.is_some()
+    }
+
+    /// Begins with the panes: those of all tiles that lack blocks or were not rendered as requested.
+    fn begin_panes(&mut self, asked_poe: f32) -> Next {
+        self.pressure = 1.0;
+        self.samples = self.asked_samples;
+        let asked = self.effort(asked_poe);
+        let todo: Vec<usize> = (0..self.tiles.len())
+            .filter(|&i| !(self.tiles[i].wants.is_empty() && self.tiles[i].kept.has(asked)))
+            .collect();
+        self.panes = Some(Panes::of(&todo));
+        Next::Pane
+    }
+
+    /// Plans a pass over the next pane.
+    pub fn begin_pane(&mut self) {
+        self.tiles.iter_mut().for_each(|tile| tile.wants.clear());
+        self.pane = self.panes.as_mut().and_then(Panes::next);
+        self.todo = Arc::new(self.pane.as_ref().map_or(0..0, tiles_of).collect());
+        self.has_news = false;
+    }
+
+    /// The packets of a tile that the current pass renders.
+    pub fn packets(&self, tile: usize) -> Range<usize> {
+        self.pane.as_ref().map_or(0..PACKETS, |pane| packets_of(pane, tile))
+    }
+
+    /// The effort of the current pass.
+    pub fn effort(&self, asked_poe: f32) -> Effort {
+        Effort { poe: effective_poe(asked_poe, self.pressure), samples: self.samples }
+    }
+
     /// Number of tiles in the planned pass.
     pub fn items(&self) -> usize {
         self.todo.len()
@@ -128,9 +173,14 @@ impl Passes {
         self.todo[item]
     }
 
-    /// Stores the result of a rendered tile.
-    pub fn done(&mut self, tile: usize, tally: Tally, wants: &Wants) {
-        self.tiles[tile] = Tile { tally, wants: wants.clone() };
+    /// Takes a tile to add pixels to it; [`Passes::done`] puts it back.
+    pub fn take(&mut self, tile: usize) -> Kept {
+        std::mem::take(&mut self.tiles[tile].kept)
+    }
+
+    /// Stores a rendered tile.
+    pub fn done(&mut self, tile: usize, kept: Kept, wants: &Wants) {
+        self.tiles[tile] = Tile { kept, wants: wants.clone() };
     }
 
     /// Notes that all tiles of a pass were rendered and the picture can be mapped.
@@ -141,7 +191,7 @@ impl Passes {
 
     fn tally(&self) -> Tally {
         let mut sum = Tally::default();
-        self.tiles.iter().for_each(|tile| sum.add(&tile.tally));
+        self.tiles.iter().for_each(|tile| sum.add(&tile.kept.tally));
         sum
     }
 
@@ -153,13 +203,18 @@ impl Passes {
         all
     }
 
-    /// True if the pass that has ended was the last one: no tile lacks a block, and pixels have `samples` samples.
-    pub fn nothing_is_lacking(&self, samples: u32) -> bool {
-        self.samples == samples && self.tiles.iter().all(|tile| tile.wants.is_empty())
+    /// True if the pass that has ended was certainly the last one: no tile lacks a block, pixels have all samples, and
+    /// there are no panes. Under pressure another pass may follow.
+    pub fn is_last(&self) -> bool {
+        let is_complete = self.samples == self.asked_samples && self.tiles.iter().all(|tile| tile.wants.is_empty());
+        is_complete && self.pressure == 1.0 && self.panes.is_none()
     }
 
     /// Returns the step after a pass or after news, and plans the pass if the step is one.
     pub fn next(&mut self, seen: Seen, asked_poe: f32) -> Next {
+        if self.panes.is_some() {
+            return self.next_of_pane(seen);
+        }
         if seen.is_stale || seen.pressure != self.pressure {
             // All tiles become coarser or finer together.
             self.samples = 1;
@@ -173,7 +228,9 @@ impl Passes {
                     self.begin_lacking();
                     Next::Pass { afresh: false }
                 }
-                ViewState::Full | ViewState::Failed => Next::End { is_converged: false },
+                ViewState::Full => self.begin_panes(asked_poe),
+                ViewState::Failed if self.pressure > 1.0 => self.begin_panes(asked_poe),
+                ViewState::Failed => Next::End { is_converged: false },
             };
         }
         if self.samples < self.asked_samples {
@@ -181,7 +238,44 @@ impl Passes {
             self.begin_all();
             return Next::Pass { afresh: false };
         }
-        Next::End { is_converged: effective_poe(asked_poe, self.pressure) == asked_poe }
+        if effective_poe(asked_poe, self.pressure) != asked_poe {
+            return self.begin_panes(asked_poe);
+        }
+        Next::End { is_converged: true }
+    }
+
+    /// [`Passes::next`] while the picture is completed pane by pane.
+    fn next_of_pane(&mut self, seen: Seen) -> Next {
+        let Some(panes) = &mut self.panes else { return Next::Pane };
+        // The view waits for its turn.
+        if self.pane.is_none() {
+            return Next::Pane;
+        }
+        if self.tiles.iter().any(|tile| !tile.wants.is_empty()) {
+            match seen.wants {
+                ViewState::Busy if !self.has_news => return Next::Wait,
+                ViewState::Satisfied | ViewState::Busy => {
+                    self.begin_lacking();
+                    return Next::Pass { afresh: false };
+                }
+                ViewState::Full => {
+                    panes.does_not_fit();
+                }
+                ViewState::Failed => panes.give_up(),
+            }
+        } else {
+            panes.is_complete();
+        }
+        self.pane = None;
+        if panes.next().is_none() {
+            return Next::End { is_converged: !panes.gave_up };
+        }
+        Next::Pane
+    }
+
+    /// The greatest effective threshold of a tile.
+    fn coarsest(&self, asked_poe: f32) -> f32 {
+        self.tiles.iter().fold(asked_poe, |most, tile| most.max(tile.kept.poe()))
     }
 
     /// Returns the progress. `asked_poe`: the requested threshold in pixels of error.
@@ -192,6 +286,7 @@ impl Passes {
         // The first picture has the greatest weight, then blocks, then samples.
         let first = if self.asked_samples > 1 { 0.5 } else { 0.9 };
         let now = match (self.ended, self.samples) {
+            _ if self.panes.is_some() => 0.6 + 0.39 * self.panes.as_ref().map_or(0.0, Panes::fraction),
             (0, _) => first * share,
             (_, 1) => first + 0.09 * come,
             _ => 0.6 + 0.39 * f64::from(self.samples) / f64::from(self.asked_samples) * share,
@@ -201,10 +296,11 @@ impl Passes {
         let as_fast = |left: f64, done: f64| if done > 0.0 { seconds * left / done } else { f64::INFINITY };
         let seconds_to_go = match self.ended {
             0 => as_fast(1.0 - share, share),
-            _ if wanted > 0 => as_fast(wanted as f64, bytes_come as f64),
+            _ if wanted > 0 && self.panes.is_none() => as_fast(wanted as f64, bytes_come as f64),
             _ => as_fast(1.0 - self.fraction, self.fraction),
         };
-        let effective_poe = effective_poe(asked_poe, self.pressure);
+        let effective_poe =
+            if self.ended == 0 { effective_poe(asked_poe, self.pressure) } else { self.coarsest(asked_poe) };
         Progress { fraction: self.fraction, tally, wanted, effective_poe, pictures: self.ended, seconds_to_go }
     }
 }
@@ -227,7 +323,7 @@ mod tests {
     fn render(passes: &mut Passes, wants: impl Fn(usize) -> Wants) {
         for item in 0..passes.items() {
             let tile = passes.tile(item);
-            passes.done(tile, Tally::default(), &wants(tile));
+            passes.done(tile, Kept::of(Tally::default()), &wants(tile));
         }
         passes.is_shown();
     }
@@ -260,17 +356,39 @@ mod tests {
         assert_eq!(passes.samples, 1);
         let stale = Seen { is_stale: true, ..pressed };
         assert_eq!(passes.next(stale, 1.0), Next::Pass { afresh: true });
-        while passes.next(pressed, 1.0) != (Next::End { is_converged: false }) {}
+        while passes.next(pressed, 1.0) != Next::Pane {}
         assert_eq!((effective_poe(1.0, 1.25), effective_poe(0.0, 1.0), effective_poe(0.0, 2.0)), (1.25, 0.0, 1.0));
     }
 
     #[test]
-    fn unavailable_blocks_end_the_request() {
-        for wants in [ViewState::Full, ViewState::Failed] {
-            let mut passes = Passes::new(1, 1);
+    fn blocks_that_cannot_be_read_end_the_request() {
+        let mut passes = Passes::new(1, 1);
+        passes.begin_all();
+        render(&mut passes, |_| lacking());
+        let failed = Seen { wants: ViewState::Failed, ..CALM };
+        assert_eq!(passes.next(failed, 0.0), Next::End { is_converged: false });
+    }
+
+    /// What does not fit at once is completed pane by pane; a pane that does not fit is halved.
+    #[test]
+    fn what_does_not_fit_is_completed_pane_by_pane() {
+        let full = Seen { wants: ViewState::Full, ..CALM };
+        for most in [0, 1, PACKETS, 4 * PACKETS] {
+            let mut passes = Passes::new(5, 4);
             passes.begin_all();
-            render(&mut passes, |_| lacking());
-            assert_eq!(passes.next(Seen { wants, ..CALM }, 0.0), Next::End { is_converged: false });
+            render(&mut passes, |tile| if tile > 1 { lacking() } else { Wants::default() });
+            assert_eq!(passes.next(full, 0.0), Next::Pane);
+            assert_eq!(passes.effort(0.0), Effort { poe: 0.0, samples: 4 });
+            let (mut packets, mut end) = (0, Next::Pane);
+            while end == Next::Pane {
+                passes.begin_pane();
+                let of_pane: usize = (0..passes.items()).map(|item| passes.packets(passes.tile(item)).len()).sum();
+                let fits = of_pane <= most;
+                render(&mut passes, |_| if fits { Wants::default() } else { lacking() });
+                packets += if fits { of_pane } else { 0 };
+                end = passes.next(full, 0.0);
+            }
+            assert_eq!((end, packets), (Next::End { is_converged: most > 0 }, if most > 0 { 5 * PACKETS } else { 0 }));
         }
     }
 
@@ -282,14 +400,14 @@ mod tests {
         let counted = |passes: &mut Passes| {
             passes.progress(Now { share: 0.5, wanted: 0, come: 0, seconds: 1.0 }, 0.0).tally.exact
         };
-        passes.done(0, of(3), &Wants::default());
+        passes.done(0, Kept::of(of(3)), &Wants::default());
         assert_eq!(counted(&mut passes), 3);
-        passes.done(1, of(4), &Wants::default());
+        passes.done(1, Kept::of(of(4)), &Wants::default());
         passes.is_shown();
         assert_eq!(passes.next(CALM, 0.0), Next::Pass { afresh: false });
-        passes.done(0, of(1), &Wants::default());
+        passes.done(0, Kept::of(of(1)), &Wants::default());
         assert_eq!(counted(&mut passes), 7);
-        passes.done(1, of(1), &Wants::default());
+        passes.done(1, Kept::of(of(1)), &Wants::default());
         passes.is_shown();
         assert_eq!(counted(&mut passes), 2);
     }

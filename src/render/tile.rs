@@ -4,6 +4,7 @@ use super::film::{Buffer, Outputs};
 use super::integrators::direct::{ACROSS, DOWN, Scratch};
 use super::integrators::first::First;
 use super::integrators::{Integrator, Picture};
+use super::kept::Quality;
 use crate::math::bits;
 use crate::math::srgb::Srgb;
 use crate::math::{BUNDLE, PACKET};
@@ -12,9 +13,9 @@ use std::ops::Range;
 
 /// Side length of a tile in pixels.
 pub(super) const TILE: u32 = 32;
-const PIXELS: usize = (TILE * TILE) as usize;
+pub(super) const PIXELS: usize = (TILE * TILE) as usize;
 /// Packets of a tile: exactly one bundle.
-const PACKETS: usize = PIXELS / PACKET;
+pub(super) const PACKETS: usize = PIXELS / PACKET;
 const _: () = assert!(PACKETS == BUNDLE);
 
 /// The pixels of a tile in each buffer, before they are copied to the film.
@@ -30,6 +31,7 @@ pub(super) struct TilePixels {
     instance: Box<[u64; PIXELS]>,
     kind: Box<[u8; PIXELS]>,
     error: Box<[f32; PIXELS]>,
+    quality: Quality,
 }
 
 /// Counts and errors that a tile contributes to the status.
@@ -59,7 +61,18 @@ impl TilePixels {
             instance: Box::new([0; PIXELS]),
             kind: Box::new([0; PIXELS]),
             error: Box::new([0.0; PIXELS]),
+            quality: Quality::new(),
         }
+    }
+
+    /// Kinds and errors of the pixels that were rendered last.
+    pub fn quality(&self) -> &Quality {
+        &self.quality
+    }
+
+    #[cfg(test)]
+    pub fn quality_mut(&mut self) -> &mut Quality {
+        &mut self.quality
     }
 
     /// Returns the bytes of one row of a buffer.
@@ -80,12 +93,13 @@ impl TilePixels {
         &all[at..at + self.width as usize * size]
     }
 
-    /// Renders the tile with upper left pixel (`x`, `y`). Missing blocks are added to the wants of `scratch`; if there
+    /// Renders the packets `only` of the tile with upper left pixel (`x`, `y`). Missing blocks are added to the wants of `scratch`; if there
     /// are any, the tile must be rendered again. Returns `None` if `stop` returned true between two packets.
     pub fn render(
         &mut self,
         integrator: &Integrator,
         (x, y): (u32, u32),
+        only: Range<usize>,
         wanted: Outputs,
         scratch: &mut Scratch,
         stop: impl Fn() -> bool,
@@ -96,7 +110,10 @@ impl TilePixels {
         self.height = (height - y).min(TILE);
         let mut tally = Tally::default();
         let mut sums = [[[0.0; PACKET]; 4]; PACKETS];
-        let patches: [Patch; PACKETS] = std::array::from_fn(|i| Patch::new(i as u32, self.width, self.height));
+        let (width, height) = (self.width, self.height);
+        let patch = |i: usize| Patch::new(i as u32, if only.contains(&i) { width } else { 0 }, height);
+        let patches: [Patch; PACKETS] = std::array::from_fn(patch);
+        self.quality.clear();
         for sample in 0..picture.samples {
             if stop() {
                 return None;
@@ -116,6 +133,7 @@ impl TilePixels {
                 }
                 if sample == 0 {
                     self.keep_first(&patches[i], wanted, &scratch.first);
+                    self.keep_quality(&patches[i], &scratch.first);
                     tally.count(*active, &scratch.first);
                 }
                 if sample + 1 == picture.samples {
@@ -155,6 +173,21 @@ impl TilePixels {
                     Buffer::Error => self.error[to].iter_mut().zip(from).for_each(|(to, i)| *to = first.error(i)),
                 }
             }
+        }
+    }
+
+    /// Copies kinds and errors of a packet's pixels.
+    fn keep_quality(&mut self, patch: &Patch, first: &First) {
+        let quality = &mut self.quality;
+        for (to, from) in patch.rows() {
+            let (row, shift) = (to.start / TILE as usize, (to.start % TILE as usize) as u32);
+            let of = |pixels: u32| (pixels >> from.start & ((1 << from.len()) - 1)) << shift;
+            quality.rendered[row] |= of(u32::MAX);
+            quality.hits[row] |= of(first.met);
+            quality.lod[row] |= of((first.lod | first.transmitted) & !first.missing);
+            quality.missing[row] |= of(first.missing);
+            bits(of(first.inexact) >> shift)
+                .for_each(|i| quality.error_px[to.start + i] = first.error_px[from.start + i]);
         }
     }
 

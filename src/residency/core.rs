@@ -71,6 +71,8 @@ pub(super) struct State {
     pub together: Together,
     pub victims: Victims,
     pub pressure: Pressure,
+    /// The view that completes its picture pane by pane.
+    pub turn: Weak<ViewCore>,
     /// Bytes of slots in the published snapshots.
     pub resident: u64,
     /// Bytes of slots being read.
@@ -156,6 +158,7 @@ impl Residency {
             together: Together::default(),
             victims: Victims::default(),
             pressure: Pressure::default(),
+            turn: Weak::new(),
             resident: 0,
             in_flight: 0,
             tables: 0,

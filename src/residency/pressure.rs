@@ -38,14 +38,14 @@ impl Default for Pressure {
 
 impl State {
     /// Handles a block that does not fit: the most wanted one, wanted by a pass with `stamp`, while all blocks are in
-    /// use.
+    /// use. If only patient views want it, they are refused: no picture becomes coarser for it.
     pub fn overfull(&mut self, shared: &Shared, stamp: u32, after: &mut After) {
         // The outcome stays the same until views change.
         self.ranking.is_stuck = true;
-        if stamp == 0 {
-            // No picture needs the block, so no picture becomes coarser for it.
+        if self.ranking.is_patient() {
             let views = self.live_views();
-            after.calls.extend(views.iter().filter(|view| view.wanted_at() == 0).filter_map(|view| view.call()));
+            let refused = views.iter().filter(|view| view.is_patient(view.wanted_at()));
+            after.calls.extend(refused.filter_map(|view| view.call()));
             return;
         }
         if stamp <= self.pressure.changed_at {

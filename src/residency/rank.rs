@@ -9,11 +9,23 @@ use std::sync::Arc;
 /// A block of a model.
 pub(super) type Key = (ModelKey, BlockId);
 
+/// A block that a view wants.
+pub(super) struct RankedWant {
+    pub key: Key,
+    pub weight: f32,
+    /// Stamp of the pass that lacked it; 0 for none.
+    pub stamp: u32,
+    /// See [`super::view::ViewCore::is_patient`].
+    pub is_patient: bool,
+}
+
 /// The wants of all views at the time of ranking.
 #[derive(Default)]
 pub(super) struct Ranking {
     /// Wanted blocks, ascending, each with the last pass that wanted it.
     wanted: Vec<(Key, u32)>,
+    /// Blocks that only patient views want: the last ones in the order.
+    patient: usize,
     /// Wanted blocks by descending weight.
     order: Vec<Key>,
     next: usize,
@@ -33,6 +45,11 @@ impl Ranking {
     /// True if the next block does not fit.
     pub fn is_refused(&self) -> bool {
         self.valid && self.is_stuck
+    }
+
+    /// True if only patient views want the next block, and all blocks behind it.
+    pub fn is_patient(&self) -> bool {
+        self.next + self.patient >= self.order.len()
     }
 
     /// Returns the stamp of the last pass that wanted the block; 0 for none.
@@ -95,22 +112,24 @@ impl State {
         if self.ranking.valid {
             return;
         }
-        let mut all: Vec<(Key, f32, u32)> = Vec::new();
+        let mut all: Vec<RankedWant> = Vec::new();
         for view in self.live_views() {
             view.add_wants(&mut all);
         }
-        all.sort_unstable_by_key(|want| want.0);
+        all.sort_unstable_by_key(|want| want.key);
         let ranking = &mut self.ranking;
         ranking.wanted.clear();
-        let mut weights: Vec<(f32, Key)> = Vec::with_capacity(all.len());
-        for same in all.chunk_by(|a, b| a.0 == b.0) {
-            let last = same.iter().map(|want| want.2).max().unwrap_or(0);
-            ranking.wanted.push((same[0].0, last));
-            weights.push((same.iter().map(|want| want.1).sum(), same[0].0));
+        let mut weights: Vec<(bool, f32, Key)> = Vec::with_capacity(all.len());
+        for same in all.chunk_by(|a, b| a.key == b.key) {
+            let last = same.iter().map(|want| want.stamp).max().unwrap_or(0);
+            ranking.wanted.push((same[0].key, last));
+            let is_patient = same.iter().all(|want| want.is_patient);
+            weights.push((is_patient, same.iter().map(|want| want.weight).sum(), same[0].key));
         }
         // Among equals lower ids come first: parents before children.
-        weights.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
-        ranking.order = weights.into_iter().map(|(_, key)| key).collect();
+        weights.sort_unstable_by(|a, b| a.0.cmp(&b.0).then(b.1.total_cmp(&a.1)).then(a.2.cmp(&b.2)));
+        ranking.patient = weights.iter().filter(|weight| weight.0).count();
+        ranking.order = weights.into_iter().map(|(.., key)| key).collect();
         (ranking.next, ranking.valid, ranking.is_stuck) = (0, true, false);
         self.pressure.is_full = false;
     }

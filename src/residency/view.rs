@@ -2,9 +2,9 @@
 
 use super::blocks::ModelKey;
 use super::core::{Residency, Shared, State};
-use super::rank::Key;
+use super::rank::{Key, RankedWant};
 use crate::base::ids::BlockId;
-use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Function of a view's owner that receives news.
@@ -62,6 +62,8 @@ pub(super) struct ViewCore {
     /// Stamp of the last pass begun.
     running: AtomicU32,
     wants: Mutex<Wants>,
+    /// Number of the request that has the turn; 0 if none has it.
+    turn: AtomicU64,
     on_change: Mutex<Option<Call>>,
 }
 
@@ -83,6 +85,7 @@ impl Residency {
             oldest_live_pass: AtomicU32::new(u32::MAX),
             running: AtomicU32::new(0),
             wants: Mutex::default(),
+            turn: AtomicU64::new(0),
             on_change: Mutex::default(),
         });
         state.views.push(Arc::downgrade(&core));
@@ -153,6 +156,28 @@ impl View {
         self.pressure() > 1.0 && self.shared.ease()
     }
 
+    /// Takes the turn for `request`, a number above 0, unless another view has it. Wants of the view that has the turn
+    /// never raise the pressure: they come last, and if they do not fit, the state is `Full`.
+    pub fn takes_turn(&self, request: u64) -> bool {
+        let mut state = self.shared.lock();
+        let is_free = state.turn.upgrade().is_none_or(|of| Arc::ptr_eq(&of, &self.core) || !of.has_turn());
+        if is_free {
+            state.turn = Arc::downgrade(&self.core);
+            self.core.turn.store(request, Relaxed);
+        }
+        is_free
+    }
+
+    /// Ends the turn of `request`, if it has the turn, and calls the functions of all other views.
+    pub fn end_turn(&self, request: u64) {
+        if self.core.turn.compare_exchange(request, 0, Relaxed, Relaxed).is_err() {
+            return;
+        }
+        let mut others = self.shared.lock().live_views();
+        others.retain(|view| !Arc::ptr_eq(view, &self.core));
+        others.iter().filter_map(|view| view.call()).for_each(|call| call());
+    }
+
     /// Bytes of blocks that were read for all models since the residency was created.
     pub fn bytes_come(&self) -> u64 {
         self.shared.come.load(Relaxed)
@@ -178,7 +203,7 @@ impl View {
             // Otherwise the blocks that arrived last would not be shown.
             (_, 0) if came > 0 => ViewState::Satisfied,
             (_, 0) => ViewState::Failed,
-            _ if is_full(&state) || wants.stamp == 0 && state.ranking.is_refused() => ViewState::Full,
+            _ if is_full(&state) || self.core.is_patient(wants.stamp) && state.ranking.is_refused() => ViewState::Full,
             _ => ViewState::Busy,
         };
         ViewStatus { bytes_wanted, state }
@@ -219,6 +244,15 @@ impl ViewCore {
         self.oldest_live_pass.load(Relaxed)
     }
 
+    fn has_turn(&self) -> bool {
+        self.turn.load(Relaxed) != 0
+    }
+
+    /// True if wants of a pass with `stamp` wait for room instead of raising the pressure.
+    pub fn is_patient(&self, stamp: u32) -> bool {
+        stamp == 0 || self.has_turn()
+    }
+
     /// True if a pass has begun and not ended.
     pub fn is_passing(&self) -> bool {
         self.running.load(Relaxed) != self.wanted_at()
@@ -229,10 +263,11 @@ impl ViewCore {
         self.lock().stamp
     }
 
-    /// Appends the view's wants to `out`, each with its weight and stamp.
-    pub fn add_wants(&self, out: &mut Vec<(Key, f32, u32)>) {
+    /// Appends the view's wants to `out`.
+    pub fn add_wants(&self, out: &mut Vec<RankedWant>) {
         let wants = self.lock();
-        out.extend(wants.list.iter().map(|&(key, weight)| (key, weight, wants.stamp)));
+        let (stamp, is_patient) = (wants.stamp, self.is_patient(wants.stamp));
+        out.extend(wants.list.iter().map(|&(key, weight)| RankedWant { key, weight, stamp, is_patient }));
     }
 
     /// True if the view wants one of the blocks.

@@ -1,0 +1,196 @@
+//! Which pixels of a rendered tile replace those of the picture: a pixel gives way only to one of smaller error.
+
+use super::tile::{PIXELS, TILE, Tally, TilePixels};
+use crate::math::bits;
+
+/// A mask of pixels for each row of a tile.
+pub(super) type Rows = [u32; TILE as usize];
+
+/// The threshold and the number of samples with which a tile was rendered.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Effort {
+    /// Effective threshold in pixels of error.
+    pub poe: f32,
+    /// Samples per pixel.
+    pub samples: u32,
+}
+
+impl Effort {
+    /// True if pixels of equal error are better, or as good, with this effort.
+    fn is_as_great_as(self, other: Self) -> bool {
+        self.poe <= other.poe && self.samples >= other.samples
+    }
+}
+
+/// Kinds and errors of a tile's pixels.
+#[derive(Debug, Clone)]
+pub(super) struct Quality {
+    /// Pixels that were rendered, pixels with a hit, pixels that show a stand-in within the threshold or anything behind
+    /// one, and pixels that show a stand-in for missing data.
+    pub rendered: Rows,
+    pub hits: Rows,
+    pub lod: Rows,
+    pub missing: Rows,
+    /// Error in pixels.
+    pub error_px: Box<[f32; PIXELS]>,
+}
+
+impl Quality {
+    /// No pixel is rendered.
+    pub fn new() -> Self {
+        let none = [0; TILE as usize];
+        Self { rendered: none, hits: none, lod: none, missing: none, error_px: Box::new([0.0; PIXELS]) }
+    }
+
+    /// Marks all pixels as not rendered.
+    pub fn clear(&mut self) {
+        [self.rendered, self.hits, self.lod, self.missing] = [[0; TILE as usize]; 4];
+        self.error_px.fill(0.0);
+    }
+
+    /// True if no pixel shows a stand-in, or anything behind one.
+    fn is_exact(&self) -> bool {
+        (0..TILE as usize).all(|row| self.lod[row] | self.missing[row] == 0)
+    }
+
+    /// The rank of a pixel: the lower the better. Exact answers are equal, whatever rounding adds to their error.
+    fn rank(&self, row: usize, column: usize) -> f32 {
+        let is_exact = (self.lod[row] | self.missing[row]) >> column & 1 == 0;
+        if is_exact { 0.0 } else { self.error_px[row * TILE as usize + column].max(f32::MIN_POSITIVE) }
+    }
+
+    fn tally(&self) -> Tally {
+        let count = |rows: &Rows| rows.iter().map(|row| u64::from(row.count_ones())).sum::<u64>();
+        let (rendered, lod, missing) = (count(&self.rendered), count(&self.lod), count(&self.missing));
+        Tally {
+            exact: rendered - lod - missing,
+            lod,
+            missing,
+            hits: count(&self.hits),
+            error_sum: self.error_px.iter().map(|e| f64::from(*e)).sum(),
+            error_max: self.error_px.iter().fold(0.0, |most, e| most.max(*e)),
+        }
+    }
+}
+
+/// A tile of the picture.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Kept {
+    pub tally: Tally,
+    effort: Option<Effort>,
+    /// `None`: all pixels are exact.
+    quality: Option<Box<Quality>>,
+}
+
+impl Kept {
+    #[cfg(test)]
+    pub fn of(tally: Tally) -> Self {
+        Self { tally, effort: Some(Effort { poe: 0.0, samples: 1 }), quality: None }
+    }
+
+    /// True if the tile was rendered with this effort at least.
+    pub fn has(&self, effort: Effort) -> bool {
+        self.effort.is_some_and(|own| own.is_as_great_as(effort))
+    }
+
+    /// The effective threshold with which the tile was rendered.
+    pub fn poe(&self) -> f32 {
+        self.effort.map_or(0.0, |effort| effort.poe)
+    }
+
+    /// Adds a rendering of the tile, or of some of its pixels, with a tally of these pixels. Returns the pixels that
+    /// replace those of the picture.
+    pub fn add(&mut self, pixels: &TilePixels, tally: Tally, effort: Effort) -> Rows {
+        let new = pixels.quality();
+        let Some(before) = self.effort else {
+            self.effort = Some(effort);
+            self.tally = tally;
+            self.quality = (!new.is_exact()).then(|| Box::new(new.clone()));
+            return new.rendered;
+        };
+        let is_as_great = effort.is_as_great_as(before);
+        if is_as_great {
+            self.effort = Some(effort);
+        }
+        let Some(old) = &mut self.quality else {
+            // All pixels are exact already.
+            let exact = |row: usize| new.rendered[row] & !(new.lod[row] | new.missing[row]);
+            return if is_as_great { std::array::from_fn(exact) } else { [0; TILE as usize] };
+        };
+        let mut taken = [0; TILE as usize];
+        for row in 0..TILE as usize {
+            for column in bits(new.rendered[row]) {
+                let (rank, best) = (new.rank(row, column), old.rank(row, column));
+                taken[row] |= u32::from(rank < best || rank == best && is_as_great) << column;
+            }
+            let (is_new, at) = (taken[row], row * TILE as usize);
+            let merge = |old: &mut u32, new: u32| *old = *old & !is_new | new & is_new;
+            merge(&mut old.hits[row], new.hits[row]);
+            merge(&mut old.lod[row], new.lod[row]);
+            merge(&mut old.missing[row], new.missing[row]);
+            bits(is_new).for_each(|column| old.error_px[at + column] = new.error_px[at + column]);
+        }
+        self.tally = old.tally();
+        if old.is_exact() {
+            self.quality = None;
+        }
+        taken
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const FINE: Effort = Effort { poe: 0.0, samples: 1 };
+    const COARSE: Effort = Effort { poe: 4.0, samples: 1 };
+
+    /// A rendering of the first row: the error of each pixel; 0 is exact.
+    fn row(errors: &[f32]) -> (TilePixels, Tally) {
+        let mut pixels = TilePixels::new();
+        let quality = pixels.quality_mut();
+        quality.clear();
+        for (i, &error) in errors.iter().enumerate() {
+            quality.rendered[0] |= 1 << i;
+            quality.hits[0] |= 1 << i;
+            quality.lod[0] |= u32::from(error > 0.0) << i;
+            quality.error_px[i] = error;
+        }
+        let tally = quality.tally();
+        (pixels, tally)
+    }
+
+    fn add(kept: &mut Kept, errors: &[f32], effort: Effort) -> u32 {
+        let (pixels, tally) = row(errors);
+        kept.add(&pixels, tally, effort)[0]
+    }
+
+    #[test]
+    fn a_pixel_gives_way_only_to_one_of_smaller_error() {
+        let mut kept = Kept::default();
+        assert_eq!(add(&mut kept, &[3.0, 1.0, 0.0], FINE), 0b111);
+        // Coarser pixels, and equal ones with less effort, do not replace others.
+        assert_eq!(add(&mut kept, &[2.0, 2.0, 0.0], COARSE), 0b001);
+        assert_eq!((kept.tally.exact, kept.tally.lod, kept.tally.error_sum), (1, 2, 3.0));
+        assert!(kept.has(FINE) && !kept.has(Effort { samples: 4, ..FINE }));
+        // More samples of equal pixels do.
+        assert_eq!(add(&mut kept, &[2.0, 1.0, 0.0], Effort { samples: 4, ..FINE }), 0b111);
+        assert_eq!(add(&mut kept, &[0.0, 0.0, 0.0], FINE), 0b011);
+        assert_eq!((kept.tally.exact, kept.tally.error_sum, kept.tally.hits), (3, 0.0, 3));
+        assert_eq!(add(&mut kept, &[1.0, 0.0, 0.0], FINE), 0);
+    }
+
+    #[test]
+    fn mean_and_worst_error_never_rise() {
+        let mut kept = Kept::default();
+        let mut before = (f64::INFINITY, f32::INFINITY);
+        for seed in 0..200u32 {
+            let error = |i: u32| (seed.wrapping_mul(2_654_435_761) ^ i.wrapping_mul(40_503)) % 97;
+            let errors: Vec<f32> = (0..32).map(|i| error(i) as f32).collect();
+            add(&mut kept, &errors, if seed.is_multiple_of(3) { FINE } else { COARSE });
+            let now = (kept.tally.error_sum, kept.tally.error_max);
+            assert!(now.0 <= before.0 && now.1 <= before.1, "{now:?} after {before:?}");
+            before = now;
+        }
+    }
+}
