@@ -2104,12 +2104,15 @@ oc_status oc_frame_create(const struct oc_context *context,
  * Course of a request:
  * - The first picture is complete, and is made from the data in memory: stand-ins replace missing data. It can be
  *   mapped as soon as it is ready, long before the request ends.
- * - Each later picture is more exact. Exception: if the required data does not fit the memory budget, the pictures
- *   become coarser step by step, evenly, until their data fits.
+ * - Each later picture is more exact: a pixel gives way only to one of smaller error.
+ * - If the required data does not fit the memory budget, the threshold first rises step by step until all data of the
+ *   picture fits. Then the picture is completed pane by pane, with the requested threshold: the data of one pane at a
+ *   time is in memory. This takes longer, because data is read several times; oc_frame_cancel ends it, and leaves the
+ *   best picture. If several frames of a context need panes, they take turns.
  * - The request ends as OC_STATE_DONE when the picture is as exact as requested.
- * - The request ends as OC_STATE_COMPLETE_WITHIN_BUDGET when that does not fit the budget, or some data cannot be
- *   read. In the latter case `error` of oc_progress is OC_STATUS_IO (unreadable) or OC_STATUS_CORRUPT (damaged); the
- *   next request tries to read it again.
+ * - The request ends as OC_STATE_COMPLETE_WITHIN_BUDGET when the budget does not even hold the data of 32 pixels, or
+ *   some data cannot be read. In the latter case `error` of oc_progress is OC_STATUS_IO (unreadable) or
+ *   OC_STATUS_CORRUPT (damaged); the next request tries to read it again.
  *
  * Errors:
  * - OC_STATUS_INVALID_ARGUMENT: a setting or the camera is out of range.

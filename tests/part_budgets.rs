@@ -1,5 +1,5 @@
-//! Looks of parts within a budget: hidden parts cost no reads and are never shown, and neither hidden nor coloured parts
-//! make a picture coarser.
+//! Looks of parts within a budget: hidden parts cost no reads and are never shown, and neither hidden nor coloured
+//! parts make a picture coarser.
 //!
 //! The environment variable OUTCROP_AIRLINER sets the number of triangles, and OUTCROP_BUDGET the bytes of the small
 //! budget, for measurements by hand.
@@ -80,12 +80,12 @@ fn build(folder: &Path, name: &str, keeps: &dyn Fn(u32) -> bool) -> PathBuf {
     path
 }
 
-struct Airliner {
-    path: PathBuf,
+pub struct Airliner {
+    pub path: PathBuf,
     folder: tempfile::TempDir,
 }
 
-fn airliner() -> &'static Airliner {
+pub fn airliner() -> &'static Airliner {
     static BUILT: OnceLock<Airliner> = OnceLock::new();
     BUILT.get_or_init(|| {
         let folder = tempfile::tempdir().expect("a folder");
@@ -94,7 +94,7 @@ fn airliner() -> &'static Airliner {
 }
 
 /// A scene with one instance of the model, of which no block but the roots is in memory.
-fn open(path: &Path, memory_budget: u64) -> (Context, Scene, Model) {
+pub fn open(path: &Path, memory_budget: u64) -> (Context, Scene, Model) {
     let options = ContextOptions { threads: 2, memory_budget, read_ahead: false, ..Default::default() };
     let context = Context::new(options).expect("a context");
     let model = Model::open_cold(&context, path).expect("a model");

@@ -1,5 +1,6 @@
 //! Frames and stand-ins: pictures, light, the promise of each hit, and the stability of level of detail.
 
+mod best_stays;
 mod common;
 mod figures;
 mod frame_requests;

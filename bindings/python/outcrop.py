@@ -104,6 +104,10 @@ class PartInfo(_Sized):
     ]
 
 
+class Look(_Sized):
+    _fields_ = [("struct_size", c.c_uint32), ("flags", c.c_uint32), ("colour", c.c_float * 4)]
+
+
 class Ray(c.Structure):
     _fields_ = [
         ("origin", c.c_double * 3), ("t_min", c.c_double), ("t_max", c.c_double), ("direction", c.c_float * 3),
@@ -166,7 +170,8 @@ class _Library:
         "oc_model_open": [_p, _s, _p], "oc_model_get_info": [_p, _p], "oc_model_get_part": [_p, _u32, _p],
         "oc_model_get_view": [_p, _u32, _p],
         "oc_scene_create": [_p, _p], "oc_scene_add_instance": [_p, _p, _u64, _p], "oc_scene_commit": [_p],
-        "oc_scene_closest": [_p, _p, _p, _u64],
+        "oc_scene_closest": [_p, _p, _p, _u64], "oc_scene_set_parts_look": [_p, _u64, _p, _u64, _u32, _p],
+        "oc_scene_isolate": [_p, _u64, _p, _u64, _u32], "oc_scene_clear_part_looks": [_p, _u64],
         "oc_frame_create": [_p, _p, _p], "oc_frame_request": [_p, _p, _p, _p], "oc_frame_wait": [_p, _u32, _p],
         "oc_frame_map": [_p, _u32, _p], "oc_frame_pick": [_p, _u32, _u32, _p],
     }
@@ -358,6 +363,29 @@ class Scene(_Object):
         query = Query(rays=c.addressof(batch), count=len(rays))
         _lib.oc_scene_closest(self._handle, c.byref(query), hits, 0)
         return list(hits)
+
+
+    def set_parts_look(self, parts, hidden=False, selected=False, colour=None, below=False, instance=1):
+        """Sets the look of parts, given by id; with `below`, of all parts below them too. Takes effect at commit()."""
+        flags = (1 if hidden else 0) | (2 if selected else 0) | (4 if colour else 0)
+        look = Look(flags=flags)
+        if colour:
+            look.colour[:] = colour
+        ids = (c.c_uint64 * len(parts))(*parts)
+        _lib.oc_scene_set_parts_look(self._handle, instance, ids, len(parts), 1 if below else 0, c.byref(look))
+
+    def isolate(self, parts, below=False, instance=1):
+        """Hides all parts but these. Takes effect at commit()."""
+        ids = (c.c_uint64 * len(parts))(*parts)
+        _lib.oc_scene_isolate(self._handle, instance, ids, len(parts), 1 if below else 0)
+
+    def clear_part_looks(self, instance=1):
+        """Shows all parts as in the file. Takes effect at commit()."""
+        _lib.oc_scene_clear_part_looks(self._handle, instance)
+
+    def commit(self):
+        """Makes the edits visible to later requests and queries."""
+        _lib.oc_scene_commit(self._handle)
 
 
 class Frame(_Object):

@@ -60,6 +60,18 @@ class Binding(unittest.TestCase):
             self.assertGreater(len(set(pixels)), 10)
             self.assertEqual(picture.pick(32, 24).part, 7)
 
+            ray = [((10.1, 0.1, -1), (0, 0, 1))]
+            scene.set_parts_look([7], hidden=True, instance=5)
+            scene.commit()
+            self.assertFalse(scene.closest(ray)[0])
+            scene.isolate([7], below=True, instance=5)
+            scene.commit()
+            self.assertEqual(scene.closest(ray)[0].part, 7)
+            with self.assertRaisesRegex(outcrop.Error, "no part 8"):
+                scene.set_parts_look([7, 8], colour=(1, 0, 0, 1), instance=5)
+            scene.clear_part_looks(instance=5)
+            scene.commit()
+
     def test_failures_are_exceptions(self):
         with outcrop.Context(threads=0) as context:
             with self.assertRaisesRegex(outcrop.Error, "missing.oc") as caught:

@@ -127,8 +127,8 @@ pub unsafe extern "C" fn oc_scene_set_part_look(
 /// Sets the look of many parts of an instance. Takes effect at oc_scene_commit.
 ///
 /// - `instance`: id of the instance.
-/// - `parts`: array of ids of parts. If several parts of the model have an id, the first is meant. Ignored if `count` is
-///   0.
+/// - `parts`: array of ids of parts. If several parts of the model have an id, the first is meant. Ignored if `count`
+///   is 0.
 /// - `flags`: OC_PARTS_ flags, combined with `|`, or 0.
 /// - `look`: the new look. NULL: unchanged appearance.
 ///
@@ -138,8 +138,8 @@ pub unsafe extern "C" fn oc_scene_set_part_look(
 /// memory and count against the budget.
 ///
 /// Errors: OC_STATUS_INVALID_ARGUMENT if there is no such instance or part, or a flag or colour is not as documented;
-/// OC_STATUS_OVER_BUDGET, OC_STATUS_IO, OC_STATUS_CORRUPT and OC_STATUS_OUT_OF_MEMORY for the lists of parts. After an error
-/// no look has changed.
+/// OC_STATUS_OVER_BUDGET, OC_STATUS_IO, OC_STATUS_CORRUPT and OC_STATUS_OUT_OF_MEMORY for the lists of parts. After an
+/// error no look has changed.
 ///
 /// Thread safety: any thread. Blocks while it reads; otherwise cheap.
 /// # Safety
@@ -163,12 +163,12 @@ pub unsafe extern "C" fn oc_scene_set_parts_look(
     })
 }
 
-/// Hides all parts of an instance but the given ones, and shows these. Colours and highlights do not change. Takes effect
-/// at oc_scene_commit. oc_scene_clear_part_looks shows all parts again.
+/// Hides all parts of an instance but the given ones, and shows these. Colours and highlights do not change. Takes
+/// effect at oc_scene_commit. oc_scene_clear_part_looks shows all parts again.
 ///
 /// - `instance`: id of the instance.
-/// - `parts`: array of ids of parts. If several parts of the model have an id, the first is meant. Ignored if `count` is
-///   0: all parts are then hidden.
+/// - `parts`: array of ids of parts. If several parts of the model have an id, the first is meant. Ignored if `count`
+///   is 0: all parts are then hidden.
 /// - `flags`: OC_PARTS_ flags, combined with `|`, or 0.
 ///
 /// Errors: as oc_scene_set_parts_look.

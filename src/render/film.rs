@@ -160,7 +160,8 @@ impl Film {
         all
     }
 
-    /// Copies those pixels of a tile with upper left pixel (`x`, `y`) that are in `rows` to the buffers and the targets.
+    /// Copies those pixels of a tile with upper left pixel (`x`, `y`) that are in `rows` to the buffers and the
+    /// targets.
     pub fn take(&self, x: u32, y: u32, tile: &TilePixels, rows: &Rows) {
         for buffer in Buffer::ALL {
             let size = buffer.pixel_bytes();

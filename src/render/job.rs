@@ -494,7 +494,8 @@ impl Work for Request {
             pixels.render(&integrator, tile, packets, wanted, scratch, stop).map(|tally| {
                 // No other worker has this tile meanwhile.
                 let mut kept = self.running().passes.take(index);
-                let better = kept.add(pixels, tally, effort);
+                let as_requested = effort.poe == self.settings.poe && scratch.wants.is_empty();
+                let better = kept.add(pixels, tally, effort, as_requested);
                 film.take(tile.0, tile.1, pixels, &better);
                 self.pixels_done.fetch_add(u64::from(pixels.width) * u64::from(pixels.height), Relaxed);
                 kept
@@ -503,7 +504,7 @@ impl Work for Request {
         scratch.wants.add_up();
         let mut running = self.running();
         if let Some(kept) = kept {
-            running.passes.done(index, kept, &tile_scratch.scratch.wants);
+            running.passes.done(index, kept, effort, &tile_scratch.scratch.wants);
         }
         running.free.push(tile_scratch);
         Ok(())

@@ -1,4 +1,6 @@
-//! Which pixels of a rendered tile replace those of the picture: a pixel gives way only to one of smaller error.
+//! Which pixels of a rendered tile replace those of the picture: a pixel gives way only to one of smaller error, or to
+//! one that is as requested. Among stand-ins the requested one may have a greater error than another one by chance. It
+//! replaces that nevertheless, so that the end of a request does not depend on its course.
 
 use super::tile::{PIXELS, TILE, Tally, TilePixels};
 use crate::math::bits;
@@ -17,7 +19,7 @@ pub(super) struct Effort {
 
 impl Effort {
     /// True if pixels of equal error are better, or as good, with this effort.
-    fn is_as_great_as(self, other: Self) -> bool {
+    pub fn is_as_great_as(self, other: Self) -> bool {
         self.poe <= other.poe && self.samples >= other.samples
     }
 }
@@ -25,12 +27,14 @@ impl Effort {
 /// Kinds and errors of a tile's pixels.
 #[derive(Debug, Clone)]
 pub(super) struct Quality {
-    /// Pixels that were rendered, pixels with a hit, pixels that show a stand-in within the threshold or anything behind
-    /// one, and pixels that show a stand-in for missing data.
+    /// Pixels that were rendered, pixels with a hit, pixels that show a stand-in within the threshold or anything
+    /// behind one, and pixels that show a stand-in for missing data.
     pub rendered: Rows,
     pub hits: Rows,
     pub lod: Rows,
     pub missing: Rows,
+    /// Number of pixels of the tile that the picture has.
+    count: u64,
     /// Error in pixels.
     pub error_px: Box<[f32; PIXELS]>,
 }
@@ -39,7 +43,12 @@ impl Quality {
     /// No pixel is rendered.
     pub fn new() -> Self {
         let none = [0; TILE as usize];
-        Self { rendered: none, hits: none, lod: none, missing: none, error_px: Box::new([0.0; PIXELS]) }
+        Self { rendered: none, hits: none, lod: none, missing: none, count: 0, error_px: Box::new([0.0; PIXELS]) }
+    }
+
+    /// Exact pixels, some with a hit, `count` in all.
+    fn exact(hits: Rows, count: u64) -> Self {
+        Self { hits, count, ..Self::new() }
     }
 
     /// Marks all pixels as not rendered.
@@ -61,9 +70,9 @@ impl Quality {
 
     fn tally(&self) -> Tally {
         let count = |rows: &Rows| rows.iter().map(|row| u64::from(row.count_ones())).sum::<u64>();
-        let (rendered, lod, missing) = (count(&self.rendered), count(&self.lod), count(&self.missing));
+        let (lod, missing) = (count(&self.lod), count(&self.missing));
         Tally {
-            exact: rendered - lod - missing,
+            exact: self.count - lod - missing,
             lod,
             missing,
             hits: count(&self.hits),
@@ -78,6 +87,7 @@ impl Quality {
 pub(super) struct Kept {
     pub tally: Tally,
     effort: Option<Effort>,
+    hits: Rows,
     /// `None`: all pixels are exact.
     quality: Option<Box<Quality>>,
 }
@@ -85,43 +95,37 @@ pub(super) struct Kept {
 impl Kept {
     #[cfg(test)]
     pub fn of(tally: Tally) -> Self {
-        Self { tally, effort: Some(Effort { poe: 0.0, samples: 1 }), quality: None }
+        Self { tally, effort: Some(Effort { poe: 0.0, samples: 1 }), ..Self::default() }
     }
 
-    /// True if the tile was rendered with this effort at least.
-    pub fn has(&self, effort: Effort) -> bool {
-        self.effort.is_some_and(|own| own.is_as_great_as(effort))
-    }
-
-    /// The effective threshold with which the tile was rendered.
-    pub fn poe(&self) -> f32 {
-        self.effort.map_or(0.0, |effort| effort.poe)
-    }
-
-    /// Adds a rendering of the tile, or of some of its pixels, with a tally of these pixels. Returns the pixels that
-    /// replace those of the picture.
-    pub fn add(&mut self, pixels: &TilePixels, tally: Tally, effort: Effort) -> Rows {
+    /// Adds a rendering of the tile, or of some of its pixels, with a tally of these pixels. `as_requested`: the pixels
+    /// are as requested, and lack no data. Returns the pixels that replace those of the picture.
+    pub fn add(&mut self, pixels: &TilePixels, tally: Tally, effort: Effort, as_requested: bool) -> Rows {
         let new = pixels.quality();
         let Some(before) = self.effort else {
-            self.effort = Some(effort);
-            self.tally = tally;
-            self.quality = (!new.is_exact()).then(|| Box::new(new.clone()));
+            *self = Self { tally, effort: Some(effort), hits: new.hits, quality: None };
+            let count = tally.exact + tally.lod + tally.missing;
+            self.quality = (!new.is_exact()).then(|| Box::new(Quality { count, ..new.clone() }));
             return new.rendered;
         };
         let is_as_great = effort.is_as_great_as(before);
         if is_as_great {
             self.effort = Some(effort);
         }
-        let Some(old) = &mut self.quality else {
-            // All pixels are exact already.
-            let exact = |row: usize| new.rendered[row] & !(new.lod[row] | new.missing[row]);
-            return if is_as_great { std::array::from_fn(exact) } else { [0; TILE as usize] };
-        };
+        if self.quality.is_none() && new.is_exact() {
+            // Pixels that are all exact change only in their samples.
+            return if is_as_great { new.rendered } else { [0; TILE as usize] };
+        }
+        let old = self.quality.get_or_insert_with(|| Box::new(Quality::exact(self.hits, self.tally.exact)));
         let mut taken = [0; TILE as usize];
         for row in 0..TILE as usize {
-            for column in bits(new.rendered[row]) {
-                let (rank, best) = (new.rank(row, column), old.rank(row, column));
-                taken[row] |= u32::from(rank < best || rank == best && is_as_great) << column;
+            if as_requested {
+                taken[row] = new.rendered[row];
+            } else {
+                for column in bits(new.rendered[row]) {
+                    let (rank, best) = (new.rank(row, column), old.rank(row, column));
+                    taken[row] |= u32::from(rank < best || rank == best && is_as_great) << column;
+                }
             }
             let (is_new, at) = (taken[row], row * TILE as usize);
             let merge = |old: &mut u32, new: u32| *old = *old & !is_new | new & is_new;
@@ -130,7 +134,7 @@ impl Kept {
             merge(&mut old.missing[row], new.missing[row]);
             bits(is_new).for_each(|column| old.error_px[at + column] = new.error_px[at + column]);
         }
-        self.tally = old.tally();
+        (self.tally, self.hits) = (old.tally(), old.hits);
         if old.is_exact() {
             self.quality = None;
         }
@@ -156,13 +160,14 @@ mod tests {
             quality.lod[0] |= u32::from(error > 0.0) << i;
             quality.error_px[i] = error;
         }
+        quality.count = errors.len() as u64;
         let tally = quality.tally();
         (pixels, tally)
     }
 
     fn add(kept: &mut Kept, errors: &[f32], effort: Effort) -> u32 {
         let (pixels, tally) = row(errors);
-        kept.add(&pixels, tally, effort)[0]
+        kept.add(&pixels, tally, effort, false)[0]
     }
 
     #[test]
@@ -172,12 +177,15 @@ mod tests {
         // Coarser pixels, and equal ones with less effort, do not replace others.
         assert_eq!(add(&mut kept, &[2.0, 2.0, 0.0], COARSE), 0b001);
         assert_eq!((kept.tally.exact, kept.tally.lod, kept.tally.error_sum), (1, 2, 3.0));
-        assert!(kept.has(FINE) && !kept.has(Effort { samples: 4, ..FINE }));
         // More samples of equal pixels do.
         assert_eq!(add(&mut kept, &[2.0, 1.0, 0.0], Effort { samples: 4, ..FINE }), 0b111);
         assert_eq!(add(&mut kept, &[0.0, 0.0, 0.0], FINE), 0b011);
         assert_eq!((kept.tally.exact, kept.tally.error_sum, kept.tally.hits), (3, 0.0, 3));
         assert_eq!(add(&mut kept, &[1.0, 0.0, 0.0], FINE), 0);
+        // What is requested replaces everything.
+        let (pixels, tally) = row(&[1.0, 0.0, 0.0]);
+        assert_eq!(kept.add(&pixels, tally, FINE, true)[0], 0b111);
+        assert_eq!((kept.tally.exact, kept.tally.lod, kept.tally.error_sum, kept.tally.hits), (2, 1, 1.0, 3));
     }
 
     #[test]

@@ -60,6 +60,8 @@ pub(super) fn effective_poe(asked: f32, pressure: f32) -> f32 {
 struct Tile {
     kept: Kept,
     wants: Wants,
+    /// The greatest effort of a rendering that lacked no block.
+    complete: Option<Effort>,
 }
 
 /// The passes of a request.
@@ -73,6 +75,8 @@ pub(super) struct Passes {
     pub samples: u32,
     asked_samples: u32,
     pub pressure: f32,
+    /// Pressure before the panes.
+    raised: f32,
     /// Set once the picture is completed pane by pane, and the current pane.
     panes: Option<Panes>,
     pane: Option<Range<usize>>,
@@ -100,6 +104,7 @@ impl Passes {
             samples: 1,
             asked_samples: samples,
             pressure: 1.0,
+            raised: 1.0,
             panes: None,
             pane: None,
             has_news: false,
@@ -135,12 +140,15 @@ impl Passes {
 
     /// Begins with the panes: those of all tiles that lack blocks or were not rendered as requested.
     fn begin_panes(&mut self, asked_poe: f32) -> Next {
-        self.pressure = 1.0;
+        self.raised = std::mem::replace(&mut self.pressure, 1.0);
         self.samples = self.asked_samples;
         let asked = self.effort(asked_poe);
         let todo: Vec<usize> = (0..self.tiles.len())
-            .filter(|&i| !(self.tiles[i].wants.is_empty() && self.tiles[i].kept.has(asked)))
+            .filter(|&i| !self.tiles[i].complete.is_some_and(|effort| effort.is_as_great_as(asked)))
             .collect();
+        if todo.is_empty() {
+            return Next::End { is_converged: true };
+        }
         self.panes = Some(Panes::of(&todo));
         Next::Pane
     }
@@ -179,8 +187,12 @@ impl Passes {
     }
 
     /// Stores a rendered tile.
-    pub fn done(&mut self, tile: usize, kept: Kept, wants: &Wants) {
-        self.tiles[tile] = Tile { kept, wants: wants.clone() };
+    pub fn done(&mut self, tile: usize, kept: Kept, effort: Effort, wants: &Wants) {
+        let is_whole = !self.is_probe && self.packets(tile).len() == PACKETS;
+        let before = self.tiles[tile].complete;
+        let is_better = is_whole && wants.is_empty() && before.is_none_or(|before| effort.is_as_great_as(before));
+        let complete = if is_better { Some(effort) } else { before };
+        self.tiles[tile] = Tile { kept, wants: wants.clone(), complete };
     }
 
     /// Notes that all tiles of a pass were rendered and the picture can be mapped.
@@ -275,7 +287,10 @@ impl Passes {
 
     /// The greatest effective threshold of a tile.
     fn coarsest(&self, asked_poe: f32) -> f32 {
-        self.tiles.iter().fold(asked_poe, |most, tile| most.max(tile.kept.poe()))
+        let at_least = effective_poe(asked_poe, self.pressure.max(self.raised));
+        let is_complete = self.panes.as_ref().is_some_and(|panes| panes.fraction() == 1.0 && !panes.gave_up);
+        let of_tile = |tile: &Tile| tile.complete.map_or(at_least, |effort| effort.poe);
+        if is_complete { asked_poe } else { self.tiles.iter().fold(asked_poe, |most, tile| most.max(of_tile(tile))) }
     }
 
     /// Returns the progress. `asked_poe`: the requested threshold in pixels of error.
@@ -312,6 +327,7 @@ mod tests {
     use crate::scene::walk::Need;
 
     const CALM: Seen = Seen { wants: ViewState::Satisfied, pressure: 1.0, is_stale: false };
+    const EFFORT: Effort = Effort { poe: 0.0, samples: 1 };
     const BUSY: Seen = Seen { wants: ViewState::Busy, pressure: 1.0, is_stale: false };
 
     fn lacking() -> Wants {
@@ -323,7 +339,7 @@ mod tests {
     fn render(passes: &mut Passes, wants: impl Fn(usize) -> Wants) {
         for item in 0..passes.items() {
             let tile = passes.tile(item);
-            passes.done(tile, Kept::of(Tally::default()), &wants(tile));
+            passes.done(tile, Kept::of(Tally::default()), EFFORT, &wants(tile));
         }
         passes.is_shown();
     }
@@ -400,14 +416,14 @@ mod tests {
         let counted = |passes: &mut Passes| {
             passes.progress(Now { share: 0.5, wanted: 0, come: 0, seconds: 1.0 }, 0.0).tally.exact
         };
-        passes.done(0, Kept::of(of(3)), &Wants::default());
+        passes.done(0, Kept::of(of(3)), EFFORT, &Wants::default());
         assert_eq!(counted(&mut passes), 3);
-        passes.done(1, Kept::of(of(4)), &Wants::default());
+        passes.done(1, Kept::of(of(4)), EFFORT, &Wants::default());
         passes.is_shown();
         assert_eq!(passes.next(CALM, 0.0), Next::Pass { afresh: false });
-        passes.done(0, Kept::of(of(1)), &Wants::default());
+        passes.done(0, Kept::of(of(1)), EFFORT, &Wants::default());
         assert_eq!(counted(&mut passes), 7);
-        passes.done(1, Kept::of(of(1)), &Wants::default());
+        passes.done(1, Kept::of(of(1)), EFFORT, &Wants::default());
         passes.is_shown();
         assert_eq!(counted(&mut passes), 2);
     }

@@ -285,8 +285,8 @@ impl Model {
         self.0.blocks.file().instances()
     }
 
-    /// Its trees with triangles, in the order in which a scene places them: the tree's index, the part that is its local
-    /// part 0, and its placement in the model.
+    /// Its trees with triangles, in the order in which a scene places them: the tree's index, the part that is its
+    /// local part 0, and its placement in the model.
     pub(crate) fn placements(&self) -> impl Iterator<Item = (u32, u32, DAffine3)> {
         let direct = std::iter::once((0, 0, DAffine3::IDENTITY));
         let all = direct.chain(self.assembly().iter().map(|row| (row.tree, row.first_part, model_from_mesh(row))));

@@ -392,7 +392,8 @@ impl Opening<'_> {
         Ok(entries)
     }
 
-    /// Returns the bytes of a section out of `bytes`, which also hold the padding behind it; checks checksum and padding.
+    /// Returns the bytes of a section out of `bytes`, which also hold the padding behind it; checks checksum and
+    /// padding.
     fn intact<'a>(&self, entry: &Entry, bytes: &'a [u8]) -> Result<&'a [u8]> {
         let (bytes, padding) = bytes.split_at(entry.len as usize);
         let intact = ensure(xxh3_64(bytes) == entry.checksum, "damaged (checksum mismatch)")

@@ -606,7 +606,6 @@ static oc_scene *scenes(oc_context *c) {
     oc_scene_release(foreign);
     OK(oc_scene_add_instance(s0, m, 1, NULL));
     INVALID(oc_scene_add_instance(s0, m, 1, NULL)); /* the id is taken */
-    oc_model_release(m);
 
     INVALID(oc_scene_set_transform(NULL, 1, NULL));
     INVALID(oc_scene_set_transform(s0, 2, NULL));
@@ -618,6 +617,26 @@ static oc_scene *scenes(oc_context *c) {
     INVALID(oc_scene_set_part_look(NULL, 1, 7, &look));
     INVALID(oc_scene_set_part_look(s0, 2, 7, &look));
     INVALID(oc_scene_set_part_look(s0, 1, 8, &look));
+    const uint64_t own[] = {7}, mixed[] = {7, 8};
+    OK(oc_scene_set_parts_look(s0, 1, own, 1, OC_PARTS_BELOW, NULL));
+    OK(oc_scene_set_parts_look(s0, 1, NULL, 0, 0, &look));
+    INVALID(oc_scene_set_parts_look(NULL, 1, own, 1, 0, &look));
+    INVALID(oc_scene_set_parts_look(s0, 2, own, 1, 0, &look));
+    INVALID(oc_scene_set_parts_look(s0, 1, mixed, 2, 0, &look)); /* part 8 does not exist */
+    INVALID(oc_scene_set_parts_look(s0, 1, NULL, 1, 0, &look));
+    INVALID(oc_scene_set_parts_look(s0, 1, own, UINT64_MAX, 0, &look));
+    INVALID(oc_scene_set_parts_look(s0, 1, own, 1, 2, &look));
+    OK(oc_scene_isolate(s0, 1, own, 1, 0));
+    OK(oc_scene_isolate(s0, 1, NULL, 0, 0));
+    INVALID(oc_scene_isolate(NULL, 1, own, 1, 0));
+    INVALID(oc_scene_isolate(s0, 2, own, 1, 0));
+    INVALID(oc_scene_isolate(s0, 1, mixed, 2, 0));
+    INVALID(oc_scene_isolate(s0, 1, NULL, 1, 0));
+    INVALID(oc_scene_isolate(s0, 1, own, 1, 2));
+    INVALID(oc_scene_set_model(NULL, 1, m));
+    INVALID(oc_scene_set_model(s0, 1, NULL));
+    INVALID(oc_scene_set_model(s0, 2, m));
+    OK(oc_scene_set_model(s0, 1, m));
     look.flags = 8;
     INVALID(oc_scene_set_instance_look(s0, 1, &look));
     look.flags = OC_LOOK_COLOURED, look.colour[0] = NAN;
@@ -628,6 +647,8 @@ static oc_scene *scenes(oc_context *c) {
     INVALID(oc_scene_clear_part_looks(s0, 2));
     INVALID(oc_scene_remove_instance(NULL, 1));
     INVALID(oc_scene_remove_instance(s0, 2));
+
+    oc_model_release(m);
 
     INVALID(oc_scene_set_lights(NULL, &light, 1, 0));
     INVALID(oc_scene_set_lights(s0, NULL, 1, 0));
