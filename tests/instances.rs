@@ -10,10 +10,11 @@ use crate::common::rays::RayMaker;
 use crate::common::rounding::{Rounding, U};
 use crate::common::{scenes, stored};
 use glam::{DAffine3, DQuat, DVec3};
+use outcrop::base::error::Error;
 use outcrop::import::{MaterialDesc, MeshKey, PartDesc, Sink};
 use outcrop::math::{Cone, Ray};
 use outcrop::query::{Hit, HitKind, Policy, QueryOptions, Want};
-use outcrop::scene::{Model, Scene};
+use outcrop::scene::{ContextOptions, Model, Scene};
 use std::collections::HashMap;
 
 const RAYS: usize = 60_000;
@@ -196,7 +197,38 @@ fn placed_triangles_have_their_parts_colours() {
     }
 }
 
+/// Instances and what a commit makes of them count against the budget: more of them are refused, and the scene goes on
+/// as it was.
+fn instances_count_against_the_budget() {
+    let file = built::parts(&[built::Part::white(1, scenes::cuboid(-DVec3::ONE, DVec3::ONE))]);
+    let options = ContextOptions { threads: 1, memory_budget: 16 << 20, read_ahead: false, ..Default::default() };
+    let context = outcrop::Context::new(options).expect("a context");
+    let model = Model::open(&context, &file.path).expect("a model");
+    let (scene, before) = (Scene::new(&context), context.memory_used());
+    let at = |id: u64| DAffine3::from_translation(DVec3::X * 4.0 * id as f64);
+    let add = |from: u64, to: u64| (from..to).try_for_each(|id| scene.add_instance(&model, id, at(id)));
+    add(0, 5000).expect("some instances");
+    scene.commit().expect("a commit");
+    let used = context.memory_used() - before;
+    // A transform alone takes 96 bytes, in the draft and in the state, and the world's boxes as much.
+    assert!(used > 5000 * 400 && used < 5000 * 2000, "{used} bytes");
+    let refused = add(5000, 1_000_000).and_then(|()| scene.commit()).expect_err("too many");
+    let Error::OverBudget { need, have, .. } = refused else { panic!("{refused:?}") };
+    assert!(need > have && have == 16 << 20, "{need} of {have}");
+    assert!(context.memory_used() <= 16 << 20);
+    let seen = |id: u64| {
+        let mut hit = [Hit::MISS];
+        let ray = Ray::new(DVec3::new(4.0 * id as f64 + 0.25, 0.125, -9.0), glam::Vec3::Z);
+        scene.state().closest(&[ray], QueryOptions::default(), &mut hit).expect("a hit");
+        hit[0].instance
+    };
+    assert_eq!((seen(0), seen(4999)), (0, 4999));
+    (0..4000).for_each(|id| scene.remove_instance(id).expect("one less"));
+    drop(model);
+}
+
 built::on_each_structure!(
+    instances_count_against_the_budget,
     nested_shared_mirrored_squashed_and_tied,
     the_file_itself_says_where_its_triangles_are,
     placed_triangles_have_their_parts_colours,

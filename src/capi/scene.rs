@@ -98,7 +98,8 @@ pub unsafe extern "C" fn oc_scene_create(context: *const oc_context, out_scene: 
 /// - `id`: the caller's own id. Must be unique in the scene and not OC_NO_ID.
 /// - `world_from_model`: transform of 12 doubles, finite and invertible. NULL: the identity.
 ///
-/// Errors: OC_STATUS_INVALID_ARGUMENT if an argument is not as documented.
+/// Errors: OC_STATUS_INVALID_ARGUMENT if an argument is not as documented; OC_STATUS_OVER_BUDGET if the budget has no
+/// room for another instance.
 ///
 /// Ownership: the scene keeps the model alive.
 /// Thread safety: any thread. Cheap.
@@ -256,7 +257,10 @@ pub unsafe extern "C" fn oc_scene_set_background(scene: *mut oc_scene, backgroun
 
 /// Makes all edits since the last commit take effect at once, for frames, batches and other queries that begin later.
 ///
-/// Errors: OC_STATUS_INVALID_ARGUMENT if the scene would hold 2^31 or more placed meshes. Then nothing changes.
+/// Placed meshes, instances and looks of parts count against the budget, but for 16 KiB of each scene.
+///
+/// Errors: OC_STATUS_INVALID_ARGUMENT if the scene would hold 2^31 or more placed meshes; OC_STATUS_OVER_BUDGET if the
+/// budget has no room for them beside the data that must stay. Later jobs then see the scene as it was before.
 ///
 /// Thread safety: any thread. Cheap. Takes time in proportion to the number of instances.
 /// # Safety

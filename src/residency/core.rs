@@ -105,6 +105,10 @@ impl After {
     }
 }
 
+/// Most bytes of an object beside blocks that do not count against the budget: a scene of some instances must fit the
+/// least budget of its models.
+const UNCOUNTED: u64 = 16 << 10;
+
 /// Memory beside blocks that is charged to the budget until this is dropped.
 #[derive(Default)]
 pub struct Kept {
@@ -214,10 +218,10 @@ impl Residency {
         self.0.capacity(&state).saturating_sub(used)
     }
 
-    /// Charges `bytes` of memory that stays, evicting blocks if it must. Fails with `OverBudget`, which says `what`
-    /// needs them.
+    /// Charges `bytes` of memory that stays, evicting blocks if it must; up to [`UNCOUNTED`] bytes are not charged.
+    /// Fails with `OverBudget`, which says `what` needs them.
     pub fn keep(&self, what: &str, bytes: u64) -> Result<Kept> {
-        if bytes == 0 {
+        if bytes <= UNCOUNTED {
             return Ok(Kept::default());
         }
         let charge = self.0.grant(&|| what.into(), [bytes, bytes, 0], &Cancel::new())?;

@@ -8,7 +8,9 @@ use super::placed::{Placed, check_transform};
 use super::state::{Instance, Placement, SceneState};
 use super::top::TopTree;
 use crate::base::error::{Error, Result};
+use crate::base::memory::room;
 use crate::math::DBounds;
+use crate::residency::Kept;
 use arc_swap::{ArcSwap, Guard};
 use glam::DAffine3;
 use std::collections::HashMap;
@@ -35,6 +37,9 @@ struct Draft {
     moved: bool,
     /// The looks of instances whose parts look as in the file.
     plain: Arc<PartsShown>,
+    /// Number of instances that `memory` pays for.
+    paid: usize,
+    memory: Kept,
 }
 
 #[derive(Clone)]
@@ -63,9 +68,19 @@ impl Scene {
             placement: Arc::default(),
             lights: lights.clone(),
             background,
+            _memory: Kept::default(),
         });
         let (instances, index) = (Vec::new(), HashMap::new());
-        let draft = Draft { instances, index, lights, background, moved: false, plain: Arc::default() };
+        let draft = Draft {
+            instances,
+            index,
+            lights,
+            background,
+            moved: false,
+            plain: Arc::default(),
+            paid: 0,
+            memory: Kept::default(),
+        };
         Self { context: context.clone(), draft: Mutex::new(draft), committed }
     }
 
@@ -78,7 +93,7 @@ impl Scene {
     /// Cheap.
     ///
     /// Fails with `BadArgument` if the id is taken, the model belongs to another context, or the transform is singular
-    /// or not finite.
+    /// or not finite, and with `OverBudget` if there is no room for another instance.
     pub fn add_instance(&self, model: &Model, id: u64, world_from_model: DAffine3) -> Result<()> {
         if !model.context().same(&self.context) {
             return Err(Error::bad_argument("the model belongs to another context"));
@@ -88,6 +103,7 @@ impl Scene {
         if draft.index.contains_key(&id) {
             return Err(Error::bad_argument(format!("instance {id} already exists")));
         }
+        draft.pay_for_another(&self.context)?;
         let (mask, look, shown) = (u32::MAX, Look::default(), Arc::clone(&draft.plain));
         let parts = Arc::clone(&shown.looks);
         let at = draft.instances.len();
@@ -232,7 +248,8 @@ impl Scene {
     /// Makes the edits since the last commit visible at once to jobs that begin from now on. The time grows with the
     /// number of instances; a commit reads no disk.
     ///
-    /// Fails with `BadArgument`, and changes nothing, if there are more than 2³¹ placed trees.
+    /// Fails with `BadArgument` if there are more than 2³¹ placed trees, and with `OverBudget` if the budget has no room
+    /// for the placed trees, or for the looks of parts. Jobs then see the state before.
     pub fn commit(&self) -> Result<()> {
         let mut draft = self.draft();
         let draft = &mut *draft;
@@ -246,7 +263,9 @@ impl Scene {
         let kept = || draft.instances.iter().flatten();
         draft.index = kept().enumerate().map(|(i, instance)| (instance.id, i)).collect();
         let mut models: Vec<Model> = Vec::new();
-        let mut instances = Vec::with_capacity(draft.instances.len());
+        let bytes = draft.instances.len() * size_of::<Instance>();
+        let memory = self.context.residency().keep("the instances of a scene", bytes as u64)?;
+        let mut instances = room(draft.instances.len(), "the instances of a scene")?;
         for it in kept() {
             let known = models.iter().position(|m| m.same(&it.model));
             let model = known.unwrap_or_else(|| {
@@ -258,7 +277,7 @@ impl Scene {
             instances.push(Instance { id, model, world_from_model, mask, look, parts });
         }
         let placement = if draft.moved {
-            Arc::new(place(kept(), &instances)?)
+            Arc::new(place(&self.context, kept(), &instances)?)
         } else {
             Arc::clone(&self.committed.load().placement)
         };
@@ -274,6 +293,7 @@ impl Scene {
             placement,
             lights: draft.lights.clone(),
             background: draft.background,
+            _memory: memory,
         }));
         draft.moved = false;
         Ok(())
@@ -296,6 +316,22 @@ impl Scene {
 }
 
 impl Draft {
+    /// Charges the memory of another instance to the budget, for twice as many at a time.
+    fn pay_for_another(&mut self, context: &Context) -> Result<()> {
+        if self.instances.len() < self.paid {
+            return Ok(());
+        }
+        // An entry of the index takes up to twice its size, and both grow by doubling.
+        let each = size_of::<Option<Draftee>>() + 2 * (size_of::<(u64, usize)>() + 1);
+        let more = self.paid.max(16) * 2;
+        let memory = context.residency().keep("the instances of a scene", (more * each) as u64)?;
+        let no_memory = |_| Error::NoMemory { what: "the instances of a scene".into(), bytes: (more * each) as u64 };
+        self.instances.try_reserve_exact(more - self.instances.len()).map_err(no_memory)?;
+        self.index.try_reserve(more - self.index.len()).map_err(no_memory)?;
+        (self.paid, self.memory) = (more, memory);
+        Ok(())
+    }
+
     fn instance(&mut self, id: u64) -> Result<&mut Draftee> {
         let at = self.index.get(&id);
         at.and_then(|&at| self.instances[at].as_mut()).ok_or_else(|| no_instance(id))
@@ -344,8 +380,19 @@ fn check_look(state: &Look) -> Result<()> {
 }
 
 /// Flattens instances and their models' own assemblies, and builds the top tree over them.
-fn place<'a>(draftees: impl Iterator<Item = &'a Draftee>, instances: &[Instance]) -> Result<Placement> {
-    let (mut placed, mut hits, mut firsts) = (Vec::new(), Vec::new(), Vec::with_capacity(instances.len()));
+fn place<'a>(
+    context: &Context,
+    draftees: impl Iterator<Item = &'a Draftee> + Clone,
+    instances: &[Instance],
+) -> Result<Placement> {
+    let count: usize = draftees.clone().map(|draftee| draftee.model.placements().count()).sum();
+    if count >= 1 << 31 {
+        return Err(Error::bad_argument("a scene must have fewer than 2^31 placed trees"));
+    }
+    let what = "the placed trees of a scene";
+    let each = size_of::<Placed>() + size_of::<DBounds>() + TopTree::BYTES_EACH;
+    let memory = context.residency().keep(what, (count * each + 4 * instances.len()) as u64)?;
+    let (mut placed, mut hits, mut firsts) = (room(count, what)?, room(count, what)?, room(instances.len(), what)?);
     for (i, (draftee, instance)) in draftees.zip(instances).enumerate() {
         firsts.push(placed.len() as u32);
         let trees = draftee.model.trees();
@@ -356,9 +403,6 @@ fn place<'a>(draftees: impl Iterator<Item = &'a Draftee>, instances: &[Instance]
             placed.push(it);
         }
     }
-    if placed.len() >= 1 << 31 {
-        return Err(Error::bad_argument("a scene must have fewer than 2^31 placed trees"));
-    }
     let around = placed.iter().fold(DBounds::EMPTY, |all, p| all.union(p.bounds));
-    Ok(Placement { bounds: around, top: TopTree::build(&hits), placed, firsts })
+    Ok(Placement { bounds: around, top: TopTree::build(&hits), placed, firsts, _memory: memory })
 }

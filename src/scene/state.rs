@@ -7,6 +7,7 @@ use super::model::Model;
 use super::placed::Placed;
 use super::top::TopTree;
 use crate::math::DBounds;
+use crate::residency::Kept;
 use crate::structure::ShownBlocks;
 use glam::DAffine3;
 use std::sync::Arc;
@@ -35,11 +36,18 @@ pub(crate) struct Placement {
     pub top: TopTree,
     /// Bounds of all triangles.
     pub bounds: DBounds,
+    pub _memory: Kept,
 }
 
 impl Default for Placement {
     fn default() -> Self {
-        Self { placed: Vec::new(), firsts: Vec::new(), top: TopTree::default(), bounds: DBounds::EMPTY }
+        Self {
+            placed: Vec::new(),
+            firsts: Vec::new(),
+            top: TopTree::default(),
+            bounds: DBounds::EMPTY,
+            _memory: Kept::default(),
+        }
     }
 }
 
@@ -55,6 +63,7 @@ pub struct SceneState {
     pub(crate) hides_parts: bool,
     pub(crate) lights: Vec<Light>,
     pub(crate) background: Background,
+    pub(crate) _memory: Kept,
 }
 
 impl SceneState {

@@ -52,6 +52,9 @@ impl Default for TopTree {
 }
 
 impl TopTree {
+    /// Bytes of memory for each placed tree, while the tree is built.
+    pub const BYTES_EACH: usize = size_of::<Node>() + size_of::<u32>();
+
     /// Builds the tree over `bounds`, index by index, and leaves out empty ones. The same input gives the same tree.
     pub fn build(bounds: &[DBounds]) -> Self {
         let mut order: Vec<u32> = (0..bounds.len() as u32).filter(|&i| !bounds[i as usize].is_empty()).collect();
