@@ -790,6 +790,9 @@ typedef struct oc_frame_desc {
     uint64_t target_count;
 } oc_frame_desc;
 
+/** Flags of oc_frame_settings. */
+typedef uint32_t oc_frame_flags;
+
 /** Options of a request. All zeros: exact, one ray for each pixel. */
 typedef struct oc_frame_settings {
     /** Size of this struct in bytes; OC_INIT sets it. */
@@ -803,6 +806,8 @@ typedef struct oc_frame_settings {
     float poe;
     /** Intensity of the ambient light, which reaches all surfaces; finite. 0: 0.15. Below 0: none. */
     float ambient;
+    /** OC_FRAME_ flags, combined with `|`. */
+    oc_frame_flags flags;
 } oc_frame_settings;
 
 /** Accuracy of the picture of the last request. */
@@ -1176,6 +1181,12 @@ typedef struct oc_pixels {
 
 /** All of the part is inside the volume. */
 #define OC_OVERLAP_INSIDE 2
+
+/**
+ * If the data of the picture does not fit the memory budget at once, the request ends with the picture that does, as
+ * OC_STATE_COMPLETE_WITHIN_BUDGET. Otherwise it goes on until the picture is as requested.
+ */
+#define OC_FRAME_AT_ONCE 1
 
 /** 4 bytes: red, green and blue in sRGB, and linear alpha. */
 #define OC_BUFFER_COLOUR_SRGB8 0
@@ -1737,7 +1748,8 @@ OC_API oc_status oc_scene_create(const struct oc_context *context, struct oc_sce
  * - `id`: the caller's own id. Must be unique in the scene and not OC_NO_ID.
  * - `world_from_model`: transform of 12 doubles, finite and invertible. NULL: the identity.
  *
- * Errors: OC_STATUS_INVALID_ARGUMENT if an argument is not as documented.
+ * Errors: OC_STATUS_INVALID_ARGUMENT if an argument is not as documented; OC_STATUS_OVER_BUDGET if the budget has no
+ * room for another instance.
  *
  * Ownership: the scene keeps the model alive.
  * Thread safety: any thread. Cheap.
@@ -1821,7 +1833,10 @@ oc_status oc_scene_set_background(struct oc_scene *scene,
 /**
  * Makes all edits since the last commit take effect at once, for frames, batches and other queries that begin later.
  *
- * Errors: OC_STATUS_INVALID_ARGUMENT if the scene would hold 2^31 or more placed meshes. Then nothing changes.
+ * Placed meshes, instances and looks of parts count against the budget, but for 16 KiB of each scene.
+ *
+ * Errors: OC_STATUS_INVALID_ARGUMENT if the scene would hold 2^31 or more placed meshes; OC_STATUS_OVER_BUDGET if the
+ * budget has no room for them beside the data that must stay. Later jobs then see the scene as it was before.
  *
  * Thread safety: any thread. Cheap. Takes time in proportion to the number of instances.
  */
@@ -1880,8 +1895,8 @@ oc_status oc_scene_set_part_look(struct oc_scene *scene,
  * Sets the look of many parts of an instance. Takes effect at oc_scene_commit.
  *
  * - `instance`: id of the instance.
- * - `parts`: array of ids of parts. If several parts of the model have an id, the first is meant. Ignored if `count` is
- *   0.
+ * - `parts`: array of ids of parts. If several parts of the model have an id, the first is meant. Ignored if `count`
+ *   is 0.
  * - `flags`: OC_PARTS_ flags, combined with `|`, or 0.
  * - `look`: the new look. NULL: unchanged appearance.
  *
@@ -1891,8 +1906,8 @@ oc_status oc_scene_set_part_look(struct oc_scene *scene,
  * memory and count against the budget.
  *
  * Errors: OC_STATUS_INVALID_ARGUMENT if there is no such instance or part, or a flag or colour is not as documented;
- * OC_STATUS_OVER_BUDGET, OC_STATUS_IO, OC_STATUS_CORRUPT and OC_STATUS_OUT_OF_MEMORY for the lists of parts. After an error
- * no look has changed.
+ * OC_STATUS_OVER_BUDGET, OC_STATUS_IO, OC_STATUS_CORRUPT and OC_STATUS_OUT_OF_MEMORY for the lists of parts. After an
+ * error no look has changed.
  *
  * Thread safety: any thread. Blocks while it reads; otherwise cheap.
  */
@@ -1905,12 +1920,12 @@ oc_status oc_scene_set_parts_look(struct oc_scene *scene,
                                   const struct oc_look *look);
 
 /**
- * Hides all parts of an instance but the given ones, and shows these. Colours and highlights do not change. Takes effect
- * at oc_scene_commit. oc_scene_clear_part_looks shows all parts again.
+ * Hides all parts of an instance but the given ones, and shows these. Colours and highlights do not change. Takes
+ * effect at oc_scene_commit. oc_scene_clear_part_looks shows all parts again.
  *
  * - `instance`: id of the instance.
- * - `parts`: array of ids of parts. If several parts of the model have an id, the first is meant. Ignored if `count` is
- *   0: all parts are then hidden.
+ * - `parts`: array of ids of parts. If several parts of the model have an id, the first is meant. Ignored if `count`
+ *   is 0: all parts are then hidden.
  * - `flags`: OC_PARTS_ flags, combined with `|`, or 0.
  *
  * Errors: as oc_scene_set_parts_look.
@@ -2108,11 +2123,12 @@ oc_status oc_frame_create(const struct oc_context *context,
  * - If the required data does not fit the memory budget, the threshold first rises step by step until all data of the
  *   picture fits. Then the picture is completed pane by pane, with the requested threshold: the data of one pane at a
  *   time is in memory. This takes longer, because data is read several times; oc_frame_cancel ends it, and leaves the
- *   best picture. If several frames of a context need panes, they take turns.
+ *   best picture. If several frames of a context need panes, they take turns. With OC_FRAME_AT_ONCE the request ends
+ *   before the panes.
  * - The request ends as OC_STATE_DONE when the picture is as exact as requested.
- * - The request ends as OC_STATE_COMPLETE_WITHIN_BUDGET when the budget does not even hold the data of 32 pixels, or
- *   some data cannot be read. In the latter case `error` of oc_progress is OC_STATUS_IO (unreadable) or
- *   OC_STATUS_CORRUPT (damaged); the next request tries to read it again.
+ * - The request ends as OC_STATE_COMPLETE_WITHIN_BUDGET before the panes with OC_FRAME_AT_ONCE, or when the budget
+ *   does not even hold the data of 32 pixels, or some data cannot be read. In the last case `error` of oc_progress is
+ *   OC_STATUS_IO (unreadable) or OC_STATUS_CORRUPT (damaged); the next request tries to read it again.
  *
  * Errors:
  * - OC_STATUS_INVALID_ARGUMENT: a setting or the camera is out of range.

@@ -71,7 +71,7 @@ fn layouts() -> Vec<Layout> {
         oc_plane { normal, d }
         oc_target { memory, size, row_pitch, buffer, reserved }
         oc_frame_desc { struct_size, width, height, buffers, targets, target_count }
-        oc_frame_settings { struct_size, samples, poe, ambient }
+        oc_frame_settings { struct_size, samples, poe, ambient, flags }
         oc_frame_accuracy {
             struct_size, effective_poe, request, pixels_exact, pixels_lod, pixels_missing, pixels_total,
             bytes_resident, bytes_wanted, seconds, seconds_to_go, worst_error, mean_error, pictures, state,

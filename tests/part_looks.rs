@@ -163,7 +163,7 @@ fn parts_keep_their_looks_under_stand_ins() {
     let eye = DVec3::new(3.0, 4.0, 2.0);
     let camera = Camera::Perspective { eye, at: DVec3::ZERO, up: DVec3::Z, fov_y_degrees: 40.0 };
     let render = |poe| {
-        let settings = FrameSettings { poe, ambient: 1.0, samples: 1 };
+        let settings = FrameSettings { poe, ambient: 1.0, ..FrameSettings::default() };
         frame.request(&scene.state(), &camera, &settings).expect("a request");
         assert_eq!(frame.wait(Duration::from_secs(120)).state, FrameState::Converged);
         pixels(&frame)

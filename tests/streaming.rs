@@ -319,7 +319,8 @@ fn what_fits_is_shown_as_asked_whatever_was_seen_before() {
     let near =
         Camera::Perspective { eye: DVec3::new(1.3, 0.5, 0.5), at: DVec3::ZERO, up: DVec3::Z, fov_y_degrees: 6.0 };
     for i in 0..8 {
-        frame.request(&scene, &camera(2 * i), &exactly).expect("a request");
+        let at_once = FrameSettings { at_once: true, ..exactly };
+        frame.request(&scene, &camera(2 * i), &at_once).expect("a request");
         assert_eq!(frame.wait(LONG).state, FrameState::CompleteWithinBudget);
         frame.request(&scene, &near, &exactly).expect("a request");
         let status = frame.wait(LONG);
@@ -333,7 +334,7 @@ fn what_fits_is_shown_as_asked_whatever_was_seen_before() {
 fn models_open_although_frames_use_the_whole_budget() {
     let context = context(2, bulb().bytes / 3);
     let (first, frame) = (scene(&context, counted(&Arc::default())), frame(&context));
-    let exactly = FrameSettings { poe: 0.0, ..Default::default() };
+    let exactly = FrameSettings { poe: 0.0, at_once: true, ..Default::default() };
     let mut others = Vec::new();
     let refused = loop {
         let i = others.len();

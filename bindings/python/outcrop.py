@@ -148,6 +148,7 @@ class FrameDesc(_Sized):
 class FrameSettings(_Sized):
     _fields_ = [
         ("struct_size", c.c_uint32), ("samples", c.c_uint32), ("poe", c.c_float), ("ambient", c.c_float),
+        ("flags", c.c_uint32),
     ]
 
 

@@ -136,7 +136,15 @@ pub struct oc_frame_settings {
     pub poe: f32,
     /// Intensity of the ambient light, which reaches all surfaces; finite. 0: 0.15. Below 0: none.
     pub ambient: f32,
+    /// OC_FRAME_ flags, combined with `|`.
+    pub flags: oc_frame_flags,
 }
+
+/// Flags of oc_frame_settings.
+pub type oc_frame_flags = u32;
+/// If the data of the picture does not fit the memory budget at once, the request ends with the picture that does, as
+/// OC_STATE_COMPLETE_WITHIN_BUDGET. Otherwise it goes on until the picture is as requested.
+pub const OC_FRAME_AT_ONCE: oc_frame_flags = 1;
 
 // SAFETY: `repr(C)`, integers and floats without padding, `struct_size` first.
 unsafe impl Sized32 for oc_frame_settings {
@@ -144,13 +152,17 @@ unsafe impl Sized32 for oc_frame_settings {
 }
 
 impl oc_frame_settings {
-    fn to_rust(self) -> FrameSettings {
+    fn to_rust(self) -> Checked<FrameSettings> {
         let default = FrameSettings::default();
-        FrameSettings {
+        if self.flags & !OC_FRAME_AT_ONCE != 0 {
+            return bad(format!("oc_frame_settings.flags {:#x}: unknown flags", self.flags));
+        }
+        Ok(FrameSettings {
             poe: self.poe,
             samples: if self.samples == 0 { default.samples } else { self.samples },
             ambient: if self.ambient == 0.0 { default.ambient } else { self.ambient },
-        }
+            at_once: self.flags & OC_FRAME_AT_ONCE != 0,
+        })
     }
 }
 
@@ -168,11 +180,12 @@ impl oc_frame_settings {
 /// - If the required data does not fit the memory budget, the threshold first rises step by step until all data of the
 ///   picture fits. Then the picture is completed pane by pane, with the requested threshold: the data of one pane at a
 ///   time is in memory. This takes longer, because data is read several times; oc_frame_cancel ends it, and leaves the
-///   best picture. If several frames of a context need panes, they take turns.
+///   best picture. If several frames of a context need panes, they take turns. With OC_FRAME_AT_ONCE the request ends
+///   before the panes.
 /// - The request ends as OC_STATE_DONE when the picture is as exact as requested.
-/// - The request ends as OC_STATE_COMPLETE_WITHIN_BUDGET when the budget does not even hold the data of 32 pixels, or
-///   some data cannot be read. In the latter case `error` of oc_progress is OC_STATUS_IO (unreadable) or
-///   OC_STATUS_CORRUPT (damaged); the next request tries to read it again.
+/// - The request ends as OC_STATE_COMPLETE_WITHIN_BUDGET before the panes with OC_FRAME_AT_ONCE, or when the budget
+///   does not even hold the data of 32 pixels, or some data cannot be read. In the last case `error` of oc_progress is
+///   OC_STATUS_IO (unreadable) or OC_STATUS_CORRUPT (damaged); the next request tries to read it again.
 ///
 /// Errors:
 /// - OC_STATUS_INVALID_ARGUMENT: a setting or the camera is out of range.
@@ -193,7 +206,7 @@ pub unsafe extern "C" fn oc_frame_request(
     // SAFETY: the function's own contract.
     boundary(|| unsafe {
         let camera = read(camera)?.to_rust()?;
-        let settings = read_or_default(settings)?.to_rust();
+        let settings = read_or_default(settings)?.to_rust()?;
         let scene: &Shell<SceneObject> = handles::borrow(scene)?;
         handles::with_callbacks(frame, |frame: &Shell<FrameObject>| {
             Ok(frame.frame.request(&scene.scene.state(), &camera, &settings)?)

@@ -45,11 +45,14 @@ pub struct FrameSettings {
     pub samples: u32,
     /// Ambient light, so that no surface is black; below 0: none.
     pub ambient: f32,
+    /// If the data of the picture does not fit the budget at once, the request ends with the picture that does, at a
+    /// higher threshold. Otherwise it goes on until the picture is as requested.
+    pub at_once: bool,
 }
 
 impl Default for FrameSettings {
     fn default() -> Self {
-        Self { poe: 0.0, samples: 1, ambient: 0.15 }
+        Self { poe: 0.0, samples: 1, ambient: 0.15, at_once: false }
     }
 }
 

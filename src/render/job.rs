@@ -151,7 +151,7 @@ impl Request {
         let corners = tiles_from_the_middle(film.width, film.height);
         let running = Running {
             phase: Phase::Running,
-            passes: Passes::new(corners.len(), settings.samples),
+            passes: Passes::new(corners.len(), settings.samples, settings.at_once),
             snapshots: None,
             stamp: 0,
             accept_missing: true,

@@ -74,6 +74,8 @@ pub(super) struct Passes {
     /// Samples per pixel in the current pass.
     pub samples: u32,
     asked_samples: u32,
+    /// See [`super::FrameSettings::at_once`].
+    at_once: bool,
     pub pressure: f32,
     /// Pressure before the panes.
     raised: f32,
@@ -96,13 +98,14 @@ const MORE_SAMPLES: u32 = 4;
 
 impl Passes {
     /// Creates the passes over `tiles` tiles, up to `samples` samples per pixel.
-    pub fn new(tiles: usize, samples: u32) -> Self {
+    pub fn new(tiles: usize, samples: u32, at_once: bool) -> Self {
         Self {
             tiles: vec![Tile::default(); tiles],
             todo: Arc::default(),
             is_probe: false,
             samples: 1,
             asked_samples: samples,
+            at_once,
             pressure: 1.0,
             raised: 1.0,
             panes: None,
@@ -140,6 +143,9 @@ impl Passes {
 
     /// Begins with the panes: those of all tiles that lack blocks or were not rendered as requested.
     fn begin_panes(&mut self, asked_poe: f32) -> Next {
+        if self.at_once {
+            return Next::End { is_converged: false };
+        }
         self.raised = std::mem::replace(&mut self.pressure, 1.0);
         self.samples = self.asked_samples;
         let asked = self.effort(asked_poe);
@@ -346,7 +352,7 @@ mod tests {
 
     #[test]
     fn tiles_with_missing_blocks_are_rendered_again_after_news() {
-        let mut passes = Passes::new(4, 1);
+        let mut passes = Passes::new(4, 1, false);
         passes.begin_all();
         render(&mut passes, |tile| if tile == 2 { lacking() } else { Wants::default() });
         assert_eq!(passes.next(BUSY, 0.0), Next::Wait);
@@ -359,7 +365,7 @@ mod tests {
 
     #[test]
     fn more_samples_come_last_and_new_pressure_restarts() {
-        let mut passes = Passes::new(2, 8);
+        let mut passes = Passes::new(2, 8, false);
         passes.begin_all();
         render(&mut passes, |_| Wants::default());
         for samples in [4, 8] {
@@ -378,7 +384,7 @@ mod tests {
 
     #[test]
     fn blocks_that_cannot_be_read_end_the_request() {
-        let mut passes = Passes::new(1, 1);
+        let mut passes = Passes::new(1, 1, false);
         passes.begin_all();
         render(&mut passes, |_| lacking());
         let failed = Seen { wants: ViewState::Failed, ..CALM };
@@ -390,7 +396,7 @@ mod tests {
     fn what_does_not_fit_is_completed_pane_by_pane() {
         let full = Seen { wants: ViewState::Full, ..CALM };
         for most in [0, 1, PACKETS, 4 * PACKETS] {
-            let mut passes = Passes::new(5, 4);
+            let mut passes = Passes::new(5, 4, false);
             passes.begin_all();
             render(&mut passes, |tile| if tile > 1 { lacking() } else { Wants::default() });
             assert_eq!(passes.next(full, 0.0), Next::Pane);
@@ -404,13 +410,17 @@ mod tests {
                 packets += if fits { of_pane } else { 0 };
                 end = passes.next(full, 0.0);
             }
+            let mut passes = Passes::new(5, 4, true);
+            passes.begin_all();
+            render(&mut passes, |_| lacking());
+            assert_eq!(passes.next(full, 0.0), Next::End { is_converged: false });
             assert_eq!((end, packets), (Next::End { is_converged: most > 0 }, if most > 0 { 5 * PACKETS } else { 0 }));
         }
     }
 
     #[test]
     fn counts_are_those_of_the_picture_that_is_shown() {
-        let mut passes = Passes::new(2, 4);
+        let mut passes = Passes::new(2, 4, false);
         passes.begin_all();
         let of = |exact| Tally { exact, ..Tally::default() };
         let counted = |passes: &mut Passes| {
@@ -430,7 +440,7 @@ mod tests {
 
     #[test]
     fn the_fraction_never_decreases() {
-        let mut passes = Passes::new(1, 1);
+        let mut passes = Passes::new(1, 1, false);
         passes.begin_all();
         let mut last = 0.0;
         for (share, wanted) in [(0.1, 0), (0.9, 0), (1.0, 1000)] {

@@ -101,7 +101,9 @@ impl Stage {
 
     fn render(&self, way: &Way, camera: &Camera, poe: f32) -> Picture {
         let Setting { samples, ambient, .. } = self.setting;
-        way.frame.request(&way.state, camera, &FrameSettings { poe, samples, ambient }).expect("a request");
+        way.frame
+            .request(&way.state, camera, &FrameSettings { poe, samples, ambient, ..FrameSettings::default() })
+            .expect("a request");
         let status = way.frame.wait(LONG);
         assert_eq!((status.state, status.pixels_missing), (FrameState::Converged, 0), "{}", way.name);
         Picture::of(&way.frame)

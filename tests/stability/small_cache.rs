@@ -93,7 +93,7 @@ fn opened(threads: usize, isa: outcrop::simd::Isa, disk: &Disk) -> (Arc<SceneSta
 }
 
 fn request(frame: &Frame, state: &Arc<SceneState>, i: usize, poe: f32) {
-    let settings = FrameSettings { poe, ambient: 0.0, ..Default::default() };
+    let settings = FrameSettings { poe, ambient: 0.0, at_once: true, ..Default::default() };
     frame.request(state, &camera(i), &settings).expect("a request");
 }
 

@@ -203,7 +203,7 @@ fn wires_in_a_small_budget() {
         let frame = frame(&context, SIZE);
         for (v, camera) in cameras.iter().enumerate() {
             frame
-                .request(&scene.state(), camera, &FrameSettings { ambient: 0.0, ..Default::default() })
+                .request(&scene.state(), camera, &FrameSettings { ambient: 0.0, at_once: true, ..Default::default() })
                 .expect("a request");
             let status = frame.wait(LONG);
             assert_eq!(status.state, FrameState::CompleteWithinBudget, "it all fits: {status:?}");
