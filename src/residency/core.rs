@@ -4,7 +4,8 @@
 //! One mutex guards all changes of the blocks in memory. Threads that pump or fetch take it for a few microseconds.
 //! Reading and decoding happen outside of it, and threads that trace never take it.
 
-use super::account::{Account, Charge};
+use super::account::Account;
+use super::admit::shares;
 use super::blocks::{Inner, ModelKey};
 use super::evict::Victims;
 use super::lease::Reserve;
@@ -16,13 +17,10 @@ use super::snapshot::{CHANNELS, NO_VIEW, Snapshot, channel};
 use super::sync::{AtomicU32, AtomicU64, Mutex, MutexGuard, Ordering::Relaxed, PoisonError};
 use super::view::{Call, ViewCore};
 use super::wakeup::Wakeup;
-use crate::base::error::{Error, Result};
 use crate::base::ids::BlockId;
-use crate::base::progress::Cancel;
 use std::collections::BTreeMap;
-use std::path::Path;
 use std::sync::{Arc, Weak};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Options of [`Residency::new`].
 #[derive(Debug, Clone, Copy)]
@@ -40,7 +38,7 @@ pub struct ResidencyOptions {
 /// each thread that pumps takes one mutex, which threads that trace never take.
 ///
 /// **The budget** holds tables, slots until their last holder drops them, and the working memory of threads that read,
-/// except the arrays that blocks are decoded in and the lists of parts.
+/// except the arrays that blocks are decoded in, at most some 300 KB for each such thread.
 /// A part of it, the reserve, is for the lease of exact jobs, so that they end even if views use the rest.
 #[derive(Clone)]
 pub struct Residency(Arc<Shared>);
@@ -76,8 +74,8 @@ pub(super) struct State {
     /// Bytes of slots being read.
     pub in_flight: u64,
     /// Bytes of tables when all blocks are in memory. `pinned`: bytes of blocks that stay.
-    tables: u64,
-    pinned: u64,
+    pub tables: u64,
+    pub pinned: u64,
 }
 
 /// Longest time that opening a model waits for other users to release memory.
@@ -100,24 +98,6 @@ impl After {
             shared.wake();
         }
         self.calls.into_iter().for_each(|call| call());
-    }
-}
-
-/// Returns the bytes kept free of slots under a budget, and the bytes for the lease.
-fn shares(budget: u64) -> [u64; 2] {
-    [(budget / 16).clamp(1 << 20, 4 << 20), (budget / 8).clamp(1 << 20, 8 << 20)]
-}
-
-/// Returns the least budget that leaves `bytes` beside the [`shares`].
-fn least_budget(bytes: u64) -> u64 {
-    let mut budget = bytes;
-    // `more` grows slower than `budget`, so the loop ends.
-    loop {
-        let more = bytes.saturating_add(shares(budget).iter().sum());
-        if more <= budget {
-            return budget;
-        }
-        budget = more;
     }
 }
 
@@ -224,46 +204,6 @@ impl Shared {
         self.main.limit().saturating_sub(self.headroom + state.tables)
     }
 
-    /// Returns a key, and a charge for `stays` bytes of tables, for the model `name`. Its tables take `tables` bytes at
-    /// most, and `roots` bytes of its blocks are pinned. Evicts blocks in use if it must, and then waits until passes
-    /// that hold them have ended, [`FOR_ROOM`] at most.
-    pub fn admit(&self, name: &Path, [stays, tables, roots]: [u64; 3], cancel: &Cancel) -> Result<(ModelKey, Charge)> {
-        let have = self.options.budget;
-        let key = {
-            let mut state = self.lock();
-            let need = least_budget(state.tables + tables + state.pinned + roots);
-            if need > have {
-                return Err(Error::OverBudget { what: format!("opening {}", name.display()), need, have });
-            }
-            state.tables += tables;
-            state.pinned += roots;
-            state.next_key += 1;
-            ModelKey(state.next_key - 1)
-        };
-        let begun = Instant::now();
-        loop {
-            let charge = if self.takes_room(0) { self.main.charge(stays, 0) } else { None };
-            if let Some(charge) = charge {
-                return Ok((key, charge));
-            }
-            let cancelled = cancel.check();
-            if cancelled.is_err() || begun.elapsed() >= FOR_ROOM {
-                {
-                    let mut state = self.lock();
-                    state.tables -= tables;
-                    state.pinned -= roots;
-                    let _ = state.ranking.invalidate();
-                }
-                // Fetchers can use the room that is free again.
-                self.wake();
-                cancelled?;
-                let what = format!("opening {} in addition to the data in use", name.display());
-                return Err(Error::OverBudget { what, need: have + stays + roots, have });
-            }
-            std::thread::sleep(Duration::from_millis(1));
-        }
-    }
-
     /// Makes room for slots of `bytes` that must be in memory, also by evicting blocks in use. Returns false if
     /// snapshots still hold the evicted blocks.
     pub fn takes_room(&self, bytes: u64) -> bool {
@@ -319,6 +259,12 @@ impl Shared {
 }
 
 impl State {
+    /// Returns a key for a further model.
+    pub fn new_key(&mut self) -> ModelKey {
+        self.next_key += 1;
+        ModelKey(self.next_key - 1)
+    }
+
     pub fn model(&self, key: ModelKey) -> Option<Arc<Inner>> {
         self.models.get(&key)?.upgrade()
     }

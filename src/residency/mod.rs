@@ -11,6 +11,7 @@
 #![deny(unsafe_code)]
 
 mod account;
+mod admit;
 mod blocks;
 mod bring;
 mod claims;
@@ -41,10 +42,11 @@ mod view;
 mod wakeup;
 
 pub use self::core::{Residency, ResidencyOptions};
+pub use admit::{Admission, Needs};
 pub use blocks::{BlockClass, Decoder, ModelBlocks, ModelKey};
 pub use bring::Held;
 pub use lease::Lease;
-pub use links::Reference;
+pub use links::{Entries, MOST_NODES, Reference, Statements};
 pub use pump::Fetchers;
 pub use slots::Slot;
 pub use snapshot::{Shown, Snapshot};

@@ -24,6 +24,6 @@ pub use context::{Context, ContextOptions, LogLevel};
 pub use edit::Scene;
 pub(crate) use group::Group;
 pub use light::{Background, Light, LightKind};
-pub use model::{Model, ModelInfo, ModelMemory, PartInfo};
+pub use model::{Model, ModelInfo, ModelMemory, ModelParts, PartInfo};
 
 pub use state::{Look, SceneState};

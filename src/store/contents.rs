@@ -122,7 +122,7 @@ pub(super) fn of_section(kind: Kind, why: &Malformed) -> Malformed {
 /// Returns the bytes of each section and its number of rows, in the order of [`KINDS`].
 pub(super) fn encode_sections(rows: &[directory::Row], tables: &Tables) -> [(Vec<u8>, u64); KINDS.len()] {
     [
-        (directory::encode(rows), rows.len() as u64),
+        (sections::encode(rows), rows.len() as u64),
         (sections::encode(tables.parts), tables.parts.len() as u64),
         (sections::encode(tables.materials), tables.materials.len() as u64),
         (sections::encode(tables.instances), tables.instances.len() as u64),

@@ -95,6 +95,7 @@ impl TestTree {
             accept_missing: false,
             opaque_cells: false,
             stamp: 1,
+            stop: &outcrop::structure::NEVER,
         }
     }
 

@@ -43,7 +43,7 @@ impl Start {
     }
 
     /// The tree in a snapshot.
-    pub fn view<'a>(&self, snapshot: &'a Snapshot, max_coord: f32, isa: Isa, visit: Visit) -> TreeView<'a> {
+    pub fn view<'a>(&self, snapshot: &'a Snapshot, max_coord: f32, isa: Isa, visit: Visit<'a>) -> TreeView<'a> {
         let Self { first_block, prims_at, colours_at } = *self;
         TreeView { snapshot, first_block, max_coord, prims_at, colours_at, isa, visit }
     }

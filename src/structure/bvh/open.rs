@@ -56,8 +56,8 @@ impl Start {
 
     /// The tree in a snapshot.
     #[inline]
-    pub fn view<'a>(&self, snapshot: &'a Snapshot, max_coord: f32, isa: Isa, visit: Visit) -> TreeView<'a> {
-        let Visit { accept_missing, opaque_cells, stamp } = visit;
+    pub fn view<'a>(&self, snapshot: &'a Snapshot, max_coord: f32, isa: Isa, visit: Visit<'a>) -> TreeView<'a> {
+        let Visit { accept_missing, opaque_cells, stamp, stop } = visit;
         TreeView {
             snapshot,
             root_block: self.first_block,
@@ -70,6 +70,7 @@ impl Start {
             accept_missing,
             opaque_cells,
             stamp,
+            stop,
         }
     }
 }

@@ -99,6 +99,7 @@ impl OneTree {
             accept_missing: false,
             opaque_cells: false,
             stamp: 1,
+            stop: &outcrop::structure::NEVER,
         }
     }
 }

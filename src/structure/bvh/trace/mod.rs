@@ -42,6 +42,7 @@ use crate::structure::hit::{self, Counters, Outcome, TriHit, Triangle};
 use crate::structure::place::{Place, Rooted};
 use crate::structure::walk::{self, Walk};
 use crate::structure::{packet, packet_prepare};
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
 /// One tree of a model in one snapshot. It is cheap to create; borrow it for as long as the job lasts.
 #[derive(Debug, Clone, Copy)]
@@ -69,6 +70,8 @@ pub struct TreeView<'a> {
     pub opaque_cells: bool,
     /// Stamp of the pass that traces. Blocks with the stamp of a live pass are not evicted.
     pub stamp: u32,
+    /// Once it is set, every block counts as missing.
+    pub stop: &'a AtomicBool,
 }
 
 impl TreeView<'_> {
@@ -80,9 +83,13 @@ impl TreeView<'_> {
         self.root == Self::EMPTY
     }
 
-    /// Returns the words of a block if it is in memory, and stamps the block as used.
+    /// Returns the words of a block if it is in memory, and stamps the block as used. Every walk comes here when it
+    /// enters a block, so a walk that is stopped ends soon.
     #[inline(always)]
     fn visit(&self, block: u32) -> Option<&[u32]> {
+        if self.stop.load(Relaxed) {
+            return None;
+        }
         self.snapshot.visit(BlockId(block), self.stamp)
     }
 
