@@ -175,7 +175,7 @@ fn codecs_are_those_of_the_code() {
 #[test]
 fn rows_of_tables() {
     check_section(Kind::Parts, "### Parts", |file, i| {
-        let part = &file.parts()[i];
+        let part = file.parts().get(i).expect("a part");
         vec![
             ("the caller's id", le!(part.id)),
             ("the part's own triangles", le!(part.triangles)),

@@ -146,9 +146,10 @@ fn a_valid_file_is_built_as_the_format_says() {
     document.json["extensionsRequired"] = json!(["EXT_mesh_gpu_instancing", "KHR_animation_pointer"]);
     let (model, report) = document.build(0);
     let bounds = |name: &str| {
-        let of = |index: usize| model.parts()[index].bounds;
+        let of = |index: usize| model.parts().get(index).unwrap().bounds;
         let index = model.parts().iter().position(|part| part.name == name).unwrap();
-        let below = (0..model.parts().len()).filter(|&i| model.parts()[i].parent == Some(index as u32)).map(of);
+        let below =
+            (0..model.parts().len()).filter(|&i| model.parts().get(i).unwrap().parent == Some(index as u32)).map(of);
         below.fold(of(index), DBounds::union)
     };
     close(bounds("instances"), [20.0, 0.0, 0.0], [31.0, 1.0, 0.0]);

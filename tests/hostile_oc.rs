@@ -254,7 +254,7 @@ impl Content {
             (payload.clone(), file.decoded_len(id))
         };
         let blocks = (0..file.block_count()).map(|id| block(BlockId(id))).collect();
-        Self { header: *file.header(), blocks, parts: file.parts().to_vec(), trees: file.trees().to_vec(), file }
+        Self { header: *file.header(), blocks, parts: file.parts().to_rows(), trees: file.trees().to_vec(), file }
     }
 
     /// The file of it, all checksums right; `None` if the format has no such file.

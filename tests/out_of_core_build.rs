@@ -232,7 +232,7 @@ fn parts_colours_and_shared_meshes() {
     assert!(chunked.report.chunks > whole.report.chunks, "{:?}", chunked.report);
     let [a, b] = [&whole, &chunked].map(|made| check(made).into_iter().map(|t| t.tris).collect::<Vec<_>>());
     assert!(a == b);
-    let rows = |made: &Made| -> Vec<PartRow> { ModelFile::open_path(&made.path).unwrap().parts().to_vec() };
+    let rows = |made: &Made| -> Vec<PartRow> { ModelFile::open_path(&made.path).unwrap().parts().to_rows() };
     assert_eq!(rows(&whole), rows(&chunked));
     let [a, b] = [&whole, &chunked].map(|made| colours(&made.path));
     assert!(a == b && a.len() as u64 == whole.report.triangles_kept);

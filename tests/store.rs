@@ -60,7 +60,7 @@ impl Model {
         Ok(Self {
             header: *file.header(),
             blocks,
-            parts: file.parts().to_vec(),
+            parts: file.parts().to_rows(),
             materials: file.materials().to_vec(),
             instances: file.instances().to_vec(),
             trees: file.trees().to_vec(),

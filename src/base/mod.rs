@@ -5,6 +5,7 @@ pub mod error;
 pub mod faults;
 pub(crate) mod handle;
 pub mod ids;
+pub mod inside_read;
 pub mod memory;
 pub mod output;
 pub mod progress;

@@ -7,6 +7,7 @@
 
 use super::error::{Error, Result};
 use super::handle::{Handle, WakeFn};
+use super::inside_read::refuse_inside_read;
 use super::round::Round;
 use std::any::Any;
 use std::cell::{Cell, RefCell};
@@ -250,6 +251,9 @@ impl Pool {
     /// The caller works too, in place of one of the threads: to wake a thread, and to be woken by it, takes longer than
     /// small work does.
     pub fn run_scoped(&self, items: usize, work: &dyn Work) -> Ending {
+        if let Err(error) = refuse_inside_read() {
+            return Ending::Failed(Arc::new(error));
+        }
         if items <= 1 {
             return self.run_here(items, work);
         }
@@ -265,6 +269,7 @@ impl Pool {
     /// Runs something small in the caller's thread, which is set up like a worker's. It must not wait for other work. A
     /// panic becomes an error.
     pub fn here<T>(&self, work: impl FnOnce() -> Result<T>) -> Result<T> {
+        refuse_inside_read()?;
         let (mut work, mut done) = (Some(work), None);
         (self.shared.around)(&mut || done = work.take().map(caught));
         done.unwrap_or_else(|| Err(Error::Internal("the wrapper of the work did not run it".into())))

@@ -106,10 +106,10 @@ pub struct oc_context_desc {
     /// 0: no worker threads. Your thread alternates reading and tracing inside `oc_context_step` or waits; refinement
     /// of a model that is being read is slower, slowest with `oc_context_step`.
     pub threads: u32,
-    /// Limit in bytes of the memory that the blocks of all models take, including tables and buffers for reading. Never
-    /// exceeded. Not included: lists of parts (about 140 bytes and the name each), three blocks for each thread that
-    /// reads, the rest of huge pages (at most a sixteenth), and scenes. 0: three quarters of the machine's memory. A
-    /// value above the machine's memory is refused. Buffers of frames and batches are not included.
+    /// Limit in bytes of the memory that the blocks of all models take, including tables (parts and their names too)
+    /// and buffers for reading. Never exceeded. Not included: three blocks for each thread that reads, the rest of huge
+    /// pages (at most a sixteenth), and scenes. 0: three quarters of the machine's memory. A value above the machine's
+    /// memory is refused. Buffers of frames and batches are not included.
     ///
     /// A model may be many times larger than the budget:
     /// - Opening a model reads its coarse blocks. Other blocks are read when they are used. The least recently used

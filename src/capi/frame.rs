@@ -9,6 +9,7 @@ use super::query::oc_hit;
 use super::scene::{SceneObject, oc_scene};
 use super::status::{OC_STATUS_INTERNAL, oc_status};
 use super::view::oc_camera;
+use crate::base::inside_read::refuse_inside_read;
 use crate::render::{Buffer, Frame, FrameOptions, FrameSettings, FrameState, FrameStatus, Outputs, Target};
 use std::ffi::c_void;
 use std::sync::Arc;
@@ -289,6 +290,7 @@ pub unsafe extern "C" fn oc_frame_wait(
     // SAFETY: the function's own contract.
     boundary(|| unsafe {
         let fill = if out_progress.is_null() { None } else { Some(Fill::new(out_progress)?) };
+        refuse_inside_read()?;
         handles::with_callbacks(frame, |frame: &Shell<FrameObject>| {
             let status = frame.frame.wait(timeout(timeout_ms).unwrap_or(Duration::MAX));
             report(frame, &status, fill);

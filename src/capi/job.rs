@@ -6,6 +6,7 @@ use super::handles::{self, handle};
 use super::model::{ModelObject, oc_model};
 use super::status::{OC_STATUS_CANCELLED, OC_STATUS_OK, oc_status};
 use crate::base::error::Error;
+use crate::base::inside_read::refuse_inside_read;
 use std::ffi::c_void;
 use std::sync::Arc;
 use std::time::Duration;
@@ -272,6 +273,7 @@ pub unsafe extern "C" fn oc_job_wait(job: *const oc_job, timeout_ms: u32, out_pr
     // SAFETY: the function's own contract.
     boundary(|| unsafe {
         let fill = if out_progress.is_null() { None } else { Some(Fill::new(out_progress)?) };
+        refuse_inside_read()?;
         handles::with_callbacks(job, |job| {
             let snapshot = job.work.wait(timeout(timeout_ms));
             if let Some(fill) = fill {

@@ -8,13 +8,14 @@ use super::job::oc_job;
 use super::status::oc_status;
 use super::view::oc_camera;
 use crate::base::error::Result;
+use crate::base::inside_read::reading;
 use crate::base::progress::{Cancel, Progress};
 use crate::scene::Model;
 use crate::store::{FileSource, Source};
-use std::ffi::{CString, c_char, c_void};
+use std::ffi::{CStr, c_char, c_void};
 use std::io;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 
 /// A built model, opened read-only. Scenes share it.
 pub struct oc_model {
@@ -25,21 +26,17 @@ handle!(oc_model, ModelObject, 3);
 
 pub(crate) struct ModelObject {
     pub(crate) model: Model,
-    /// The names of the parts with a terminating 0, created at the first request.
-    names: OnceLock<Vec<CString>>,
 }
 
 impl ModelObject {
     pub(crate) fn new(model: Model) -> Self {
-        Self { model, names: OnceLock::new() }
+        Self { model }
     }
 
+    /// The name of a part, which lives as long as the model.
     fn name(&self, part: usize) -> *const c_char {
-        let names = self.names.get_or_init(|| {
-            let plain = |name: &str| name.bytes().filter(|&b| b != 0).collect::<Vec<u8>>();
-            self.model.parts().iter().map(|p| CString::new(plain(&p.name)).unwrap_or_default()).collect()
-        });
-        names.get(part).map_or(c"".as_ptr(), |n| n.as_ptr())
+        let name = CStr::from_bytes_until_nul(self.model.parts().name_and_nul(part).as_bytes());
+        name.unwrap_or_default().as_ptr()
     }
 }
 
@@ -47,6 +44,8 @@ impl ModelObject {
 ///
 /// Returns 0 if it has read all bytes, any other number on failure.
 /// Any thread may call it, several at once, but never while the library holds a lock. It must not unwind.
+/// It must not call functions that read models or wait: queries, oc_model_open, oc_job_wait, oc_frame_wait. These
+/// return OC_STATUS_INVALID_STATE there. It must not wait for another thread that calls them either.
 // SAFETY of a call: the host vouches for the pointer. The library keeps the promises of the comment above.
 pub type oc_read_fn =
     Option<unsafe extern "C" fn(user: *mut c_void, offset: u64, buffer: *mut c_void, bytes: u64) -> u32>;
@@ -122,7 +121,7 @@ impl Source for HostSource {
     }
     fn read_at(&self, offset: u64, buf: &mut [u8]) -> io::Result<()> {
         // SAFETY: the host gave the function for this call. The buffer has the length that is passed.
-        let code = unsafe { (self.read_at)(self.user, offset, buf.as_mut_ptr().cast(), buf.len() as u64) };
+        let code = reading(|| unsafe { (self.read_at)(self.user, offset, buf.as_mut_ptr().cast(), buf.len() as u64) });
         match code {
             0 => Ok(()),
             code => Err(io::Error::other(format!("the caller's read function returned {code}"))),

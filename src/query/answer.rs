@@ -14,9 +14,9 @@ use crate::base::error::Result;
 use crate::base::tasks::Work;
 use crate::math::PACKET;
 use crate::scene::SceneState;
-use crate::scene::walk::Snapshots;
+use crate::scene::walk::{SceneView, Snapshots};
 use std::borrow::Borrow;
-use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Answers a batch of closest hits, or of any hits if `ANY`. Blocks.
@@ -57,19 +57,17 @@ fn task_of<const ANY: bool>(options: QueryOptions) -> Task {
 
 /// Answers `count` rays from `first` on; returns the groups with rays that must wait.
 fn trace_chunk(
-    scene: &SceneState,
-    snapshots: &Snapshots,
-    stamp: u32,
+    view: &SceneView,
     task: Task,
     (first, count): (usize, usize),
     rays: &impl Rays,
     hits: &impl Hits,
 ) -> Vec<Box<Group>> {
-    let view = task.view(scene, snapshots, stamp);
-    let mut chunk = scene.context().take_scratch::<Chunk>();
-    chunk.run(&view, task, first, count, rays, hits);
+    let context = view.scene.context();
+    let mut chunk = context.take_scratch::<Chunk>();
+    chunk.run(view, task, first, count, rays, hits);
     let parked = std::mem::take(&mut chunk.parked);
-    scene.context().give_scratch(chunk);
+    context.give_scratch(chunk);
     parked
 }
 
@@ -90,8 +88,8 @@ impl Work for AtOnce<'_> {
         let mut snapshots = Snapshots::none();
         snapshots.lend(self.scene);
         let stamp = self.scene.context().residency().now();
-        let parked =
-            trace_chunk(self.scene, &snapshots, stamp, self.task, (0, self.rays.count()), &self.rays, &self.hits);
+        let view = self.task.view(self.scene, &snapshots, stamp);
+        let parked = trace_chunk(&view, self.task, (0, self.rays.count()), &self.rays, &self.hits);
         if !parked.is_empty() {
             *self.parked.lock().unwrap_or_else(PoisonError::into_inner) = parked;
         }
@@ -110,6 +108,8 @@ pub(super) struct Batch<S, R, H, const ANY: bool> {
     stamp: u32,
     /// Number of rays answered so far.
     answered: Arc<AtomicU64>,
+    /// Set once the batch is cancelled.
+    stop: Arc<AtomicBool>,
 }
 
 impl<S, R, H, const ANY: bool> Batch<S, R, H, ANY>
@@ -122,7 +122,7 @@ where
     pub fn new(scene: S, rays: R, hits: H, options: QueryOptions) -> Self {
         let count = rays.count();
         let stamp = scene.borrow().context().residency().stamp();
-        Self { scene, rays, hits, options, count, stamp, answered: Arc::default() }
+        Self { scene, rays, hits, options, count, stamp, answered: Arc::default(), stop: Arc::default() }
     }
 
     /// Number of items in the first round.
@@ -138,6 +138,15 @@ where
     /// The shared count of answered rays.
     pub fn answered(&self) -> Arc<AtomicU64> {
         Arc::clone(&self.answered)
+    }
+
+    /// The flag that ends all walks.
+    pub fn stop(&self) -> Arc<AtomicBool> {
+        Arc::clone(&self.stop)
+    }
+
+    fn view<'a>(&'a self, snapshots: &'a Snapshots) -> SceneView<'a> {
+        SceneView { stop: &self.stop, ..self.task().view(self.scene.borrow(), snapshots, self.stamp) }
     }
 
     fn task(&self) -> Task {
@@ -166,15 +175,14 @@ where
     fn begin(&self, item: usize, snapshots: &Snapshots) -> Vec<Parking<Box<Group>>> {
         let first = item * CHUNK;
         let count = (self.count - first).min(CHUNK);
-        let parked =
-            trace_chunk(self.scene(), snapshots, self.stamp, self.task(), (first, count), &self.rays, &self.hits);
+        let parked = trace_chunk(&self.view(snapshots), self.task(), (first, count), &self.rays, &self.hits);
         let waiting: usize = parked.iter().map(|group| group.count()).sum();
         self.answered.fetch_add((count - waiting) as u64, Relaxed);
         parked.into_iter().map(Parking::new).collect()
     }
 
     fn resume(&self, mut group: Box<Group>, snapshots: &Snapshots) -> Option<Parking<Box<Group>>> {
-        let view = self.task().view(self.scene(), snapshots, self.stamp);
+        let view = self.view(snapshots);
         let (first, count) = (group.first(), group.count());
         let Some(hits) = group.resume(&view, self.task()) else { return Some(Parking::new(group)) };
         self.hits.write(first, hits);

@@ -8,7 +8,7 @@ use crate::base::tasks::{Ending, Job};
 use crate::math::Ray;
 use crate::scene::SceneState;
 use crate::simd::prefetch_l2;
-use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
@@ -102,6 +102,8 @@ pub struct Query {
     /// Number of rays answered so far.
     answered: Arc<AtomicU64>,
     total: u64,
+    /// Set when the query is cancelled, so that walks end.
+    stop: Arc<AtomicBool>,
 }
 
 impl Query {
@@ -126,10 +128,10 @@ impl Query {
     }
 
     fn begin<const ANY: bool>(batch: OwnedBatch<ANY>) -> Self {
-        let (answered, total, items) = (batch.answered(), batch.total(), batch.items());
+        let (answered, total, items, stop) = (batch.answered(), batch.total(), batch.items(), batch.stop());
         let context = batch.scene().context().clone();
         let job = context.pool().submit(items, Arc::new(Rounds::new(batch)));
-        Self { job, answered, total }
+        Self { job, answered, total, stop }
     }
 
     /// Returns the query's progress. Never blocks.
@@ -159,9 +161,11 @@ impl Query {
         self.status(self.job.wait(timeout))
     }
 
-    /// Requests the end of the query; takes effect within a chunk of rays.
+    /// Requests the end of the query. Each walk ends at the next block that it enters.
     pub fn cancel(&self) {
+        // In this order: walks that are stopped have wrong results, which a job that is not cancelled would use.
         self.job.cancel();
+        self.stop.store(true, Relaxed);
     }
 
     /// Calls `wake` once when the query ends (done, cancelled or failed), from any thread, never under a lock of the
@@ -173,7 +177,7 @@ impl Query {
 
 impl Drop for Query {
     fn drop(&mut self) {
-        self.job.cancel();
+        self.cancel();
         self.job.wait_to_the_end();
     }
 }

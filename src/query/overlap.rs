@@ -84,7 +84,7 @@ impl SceneState {
             let it = &self.instances[instance as usize];
             let parts = self.models[it.model as usize].parts();
             let how = if inside { How::Inside } else { How::Intersects };
-            Some(PartOverlap { instance: it.id, part: parts.get(part as usize)?.id, how })
+            Some(PartOverlap { instance: it.id, part: parts.id(part as usize)?, how })
         };
         Ok(met.iter().filter_map(answer).collect())
     }

@@ -463,7 +463,7 @@ impl Work for Request {
             .unwrap_or_else(|| Box::new(TileScratch { pixels: TilePixels::new(), scratch: Scratch::new() }));
         let wanted = film.wanted();
         let any = |buffers: &[Buffer]| buffers.iter().any(|b| wanted.has(*b));
-        let view = SceneView { accept_missing, ..SceneView::new(&self.scene, &snapshots, stamp) };
+        let view = SceneView { accept_missing, stop: &self.stop, ..SceneView::new(&self.scene, &snapshots, stamp) };
         let asks = Asks {
             ids: any(&[Buffer::Part, Buffer::Instance]),
             prims: any(&[Buffer::Primitive]),

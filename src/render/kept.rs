@@ -118,16 +118,16 @@ impl Kept {
         }
         let old = self.quality.get_or_insert_with(|| Box::new(Quality::exact(self.hits, self.tally.exact)));
         let mut taken = [0; TILE as usize];
-        for row in 0..TILE as usize {
+        for (row, taken) in taken.iter_mut().enumerate() {
             if as_requested {
-                taken[row] = new.rendered[row];
+                *taken = new.rendered[row];
             } else {
                 for column in bits(new.rendered[row]) {
                     let (rank, best) = (new.rank(row, column), old.rank(row, column));
-                    taken[row] |= u32::from(rank < best || rank == best && is_as_great) << column;
+                    *taken |= u32::from(rank < best || rank == best && is_as_great) << column;
                 }
             }
-            let (is_new, at) = (taken[row], row * TILE as usize);
+            let (is_new, at) = (*taken, row * TILE as usize);
             let merge = |old: &mut u32, new: u32| *old = *old & !is_new | new & is_new;
             merge(&mut old.hits[row], new.hits[row]);
             merge(&mut old.lod[row], new.lod[row]);

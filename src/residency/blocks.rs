@@ -1,14 +1,16 @@
 //! The blocks of one opened model, and its current snapshot.
 
 use super::account::Charge;
+use super::admit::{Admission, Needs};
 use super::bring::Held;
 use super::claims::Claims;
 use super::core::{Residency, Shared};
 use super::failures::{Failure, Failures};
-use super::links::{Links, Reference};
+use super::links::{Links, Statements};
 use super::snapshot::{Shown, Snapshot};
 use crate::base::error::{Error, Result};
 use crate::base::ids::BlockId;
+use crate::base::memory::room;
 use crate::base::progress::Cancel;
 use crate::store::ModelFile;
 use arc_swap::ArcSwap;
@@ -19,14 +21,17 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 pub trait Decoder: Send + Sync {
     /// Decodes block `id` to its trace form and checks it, so that walks can trust it; or returns the defect. (In
     /// memory the block ends with a whole cache line: zeros may follow.)
-    fn decode(&self, id: BlockId, payload: &[u8]) -> std::result::Result<Vec<u32>, String>;
+    ///
+    /// The result must have `words` words, as the directory states. A payload that claims more is refused before memory
+    /// is taken for it.
+    fn decode(&self, id: BlockId, payload: &[u8], words: usize) -> std::result::Result<Vec<u32>, String>;
 
-    /// Calls `refer` for each reference of a decoded block to others. Returns the number of nodes of the block itself.
-    /// For each pair of blocks that have been in memory, the residency checks the references of one against the nodes
-    /// of the other, so no reference leads to a missing node.
-    fn links(&self, id: BlockId, words: &[u32], refer: &mut dyn FnMut(Reference)) -> u32 {
-        let _ = (id, words, refer);
-        u32::MAX
+    /// Returns the statements of a decoded block about itself and others. The residency compares those of all blocks
+    /// that have been in memory: no reference leads to a missing node, and no node is referred to twice. (By default a
+    /// block has any node, and refers to none.)
+    fn statements(&self, id: BlockId, words: &[u32]) -> Statements {
+        let _ = (id, words);
+        Statements { nodes: u32::MAX, ..Statements::default() }
     }
 
     /// Returns how the block is kept. Blocks that the structure does not know have the default class.
@@ -46,11 +51,13 @@ pub struct BlockClass {
     pub below: Option<BlockId>,
     /// True if the block is read ahead of any request, if there is room.
     pub is_read_ahead: bool,
+    /// True if other blocks may refer to nodes of this one.
+    pub is_entered: bool,
 }
 
 impl Default for BlockClass {
     fn default() -> Self {
-        Self { is_coarse: false, below: None, is_read_ahead: true }
+        Self { is_coarse: false, below: None, is_read_ahead: true, is_entered: false }
     }
 }
 
@@ -96,7 +103,7 @@ pub(super) struct Inner {
     /// pages.
     pub is_complete: AtomicBool,
     pub is_together: AtomicBool,
-    _tables: Charge,
+    _tables: Vec<Charge>,
 }
 
 impl ModelBlocks {
@@ -112,12 +119,35 @@ impl ModelBlocks {
         report: impl Fn(&Error) + Send + Sync + 'static,
         cancel: &Cancel,
     ) -> Result<Self> {
+        let needs = needs_of(&file, &*decoder, roots);
+        let admission = residency.admit(file.name(), needs, || Ok(Needs::default()), cancel)?;
+        Self::open_admitted(admission, file, decoder, roots, report)
+    }
+
+    /// [`ModelBlocks::open`] of a file whose tables were admitted before they were read.
+    pub fn open_read(
+        mut admission: Admission,
+        file: Arc<ModelFile>,
+        decoder: Box<dyn Decoder>,
+        roots: &[BlockId],
+        report: impl Fn(&Error) + Send + Sync + 'static,
+        cancel: &Cancel,
+    ) -> Result<Self> {
+        admission.add(needs_of(&file, &*decoder, roots), || Ok(Needs::default()), cancel)?;
+        Self::open_admitted(admission, file, decoder, roots, report)
+    }
+
+    fn open_admitted(
+        mut admission: Admission,
+        file: Arc<ModelFile>,
+        decoder: Box<dyn Decoder>,
+        roots: &[BlockId],
+        report: impl Fn(&Error) + Send + Sync + 'static,
+    ) -> Result<Self> {
+        const TABLE: &str = "the table of the blocks of a model";
         let count = file.block_count();
-        let [stays, each] = Snapshot::bytes_for(count);
-        let stays = stays + file.memory() + u64::from(count) * 2 + Links::bytes_for(file.header().geometry_blocks);
-        let root_bytes = roots.iter().map(|&id| super::load::slot_bytes(&file, id)).sum();
-        let (key, tables) = residency.shared().admit(file.name(), [stays, stays + each, root_bytes], cancel)?;
-        let pinned = (0..count).map(|_| AtomicBool::new(false)).collect::<Box<[_]>>();
+        let mut pinned: Vec<AtomicBool> = room(count as usize, TABLE)?;
+        pinned.extend((0..count).map(|_| AtomicBool::new(false)));
         for root in roots {
             if let Some(pinned) = pinned.get(root.0 as usize) {
                 pinned.store(true, Relaxed);
@@ -125,29 +155,32 @@ impl ModelBlocks {
         }
         let promoted = (0..count).map(BlockId).filter(|&id| decoder.class(id).is_read_ahead);
         let promoted_bytes = promoted.map(|id| super::load::slot_bytes(&file, id)).sum();
+        let links = Links::new(file.header().geometry_blocks, |id| decoder.class(id).is_entered)?;
+        let (published, failures) = (ArcSwap::from_pointee(Snapshot::none(count)?), Failures::new(count)?);
+        let (needs, key, residency) = (admission.needs, admission.key(), Arc::clone(admission.shared()));
         let inner = Arc::new(Inner {
             key,
             decoder,
-            residency: Arc::clone(residency.shared()),
-            published: ArcSwap::from_pointee(Snapshot::empty(count)),
+            residency: Arc::clone(&residency),
+            published,
             claims: Claims::default(),
-            links: Links::new(file.header().geometry_blocks),
+            links,
             report: Box::new(report),
             read_again: AtomicU64::new(0),
-            failures: Failures::new(count),
-            pinned,
-            table_bytes: stays + each,
-            root_bytes,
+            failures,
+            pinned: pinned.into(),
+            table_bytes: needs.tables + needs.changes,
+            root_bytes: needs.pinned,
             may_promote: AtomicBool::new(false),
             promoted_bytes,
             promoted_there: AtomicU64::new(0),
             lacked_in_vain: AtomicU64::new(u64::MAX),
             is_complete: AtomicBool::new(false),
             is_together: AtomicBool::new(false),
-            _tables: tables,
+            _tables: admission.take(),
             file,
         });
-        residency.shared().register(&inner, root_bytes);
+        residency.register(&inner, needs.pinned);
         Ok(Self { inner })
     }
 
@@ -204,7 +237,7 @@ impl ModelBlocks {
         Arc::ptr_eq(&self.inner.published.load(), snapshot)
     }
 
-    /// Requires that block `id` has the node `number` whenever it is in memory: see [`Decoder::links`].
+    /// Requires that block `id` has the node `number` whenever it is in memory: see [`Decoder::statements`].
     pub fn expect_number(&self, id: BlockId, number: u32) -> Result<()> {
         self.inner.links.expect(id, number).map_err(|why| self.inner.corrupt(id, why))
     }
@@ -240,6 +273,16 @@ impl ModelBlocks {
     pub fn resident_bytes(&self) -> u64 {
         self.snapshot().resident().map(|(_, slot)| slot.bytes()).sum()
     }
+}
+
+/// The needs of the blocks of a file.
+fn needs_of(file: &ModelFile, decoder: &dyn Decoder, roots: &[BlockId]) -> Needs {
+    let (count, geometry) = (file.block_count(), file.header().geometry_blocks);
+    let entered = (0..geometry).filter(|&id| decoder.class(BlockId(id)).is_entered).count();
+    let mut needs = Needs::of_blocks(count, geometry, entered as u32);
+    file.directory().iter().for_each(|row| needs.hold(row));
+    roots.iter().filter_map(|root| file.directory().get(root.0 as usize)).for_each(|row| needs.pin(row));
+    needs
 }
 
 impl Inner {

@@ -1,5 +1,6 @@
 //! Blocks for exact jobs: read in the caller's thread, and held so that they are not evicted before they are used.
 
+use super::admit::grown;
 use super::blocks::ModelBlocks;
 use super::claims::Claim;
 use super::load::{RUN_BYTES, runs};
@@ -85,7 +86,7 @@ impl ModelBlocks {
             let bytes: u64 = wanted.iter().map(|&id| self.inner.slot_bytes(id)).sum();
             let have = self.inner.residency.budget();
             let what = format!("reading the requested blocks of {}", self.inner.file.name().display());
-            return Err(Error::OverBudget { what, need: have.saturating_add(bytes), have });
+            return Err(Error::OverBudget { what, need: grown(have, bytes), have });
         }
         Ok(held)
     }

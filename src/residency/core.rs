@@ -4,7 +4,8 @@
 //! One mutex guards all changes of the blocks in memory. Threads that pump or fetch take it for a few microseconds.
 //! Reading and decoding happen outside of it, and threads that trace never take it.
 
-use super::account::{Account, Charge};
+use super::account::Account;
+use super::admit::shares;
 use super::blocks::{Inner, ModelKey};
 use super::evict::Victims;
 use super::lease::Reserve;
@@ -16,13 +17,10 @@ use super::snapshot::{CHANNELS, NO_VIEW, Snapshot, channel};
 use super::sync::{AtomicU32, AtomicU64, Mutex, MutexGuard, Ordering::Relaxed, PoisonError};
 use super::view::{Call, ViewCore};
 use super::wakeup::Wakeup;
-use crate::base::error::{Error, Result};
 use crate::base::ids::BlockId;
-use crate::base::progress::Cancel;
 use std::collections::BTreeMap;
-use std::path::Path;
 use std::sync::{Arc, Weak};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Options of [`Residency::new`].
 #[derive(Debug, Clone, Copy)]
@@ -40,7 +38,7 @@ pub struct ResidencyOptions {
 /// each thread that pumps takes one mutex, which threads that trace never take.
 ///
 /// **The budget** holds tables, slots until their last holder drops them, and the working memory of threads that read,
-/// except the arrays that blocks are decoded in and the lists of parts.
+/// except the arrays that blocks are decoded in, at most some 300 KB for each such thread.
 /// A part of it, the reserve, is for the lease of exact jobs, so that they end even if views use the rest.
 #[derive(Clone)]
 pub struct Residency(Arc<Shared>);
@@ -78,8 +76,8 @@ pub(super) struct State {
     /// Bytes of slots being read.
     pub in_flight: u64,
     /// Bytes of tables when all blocks are in memory. `pinned`: bytes of blocks that stay.
-    tables: u64,
-    pinned: u64,
+    pub tables: u64,
+    pub pinned: u64,
 }
 
 /// Longest time that opening a model waits for other users to release memory.
@@ -102,50 +100,6 @@ impl After {
             shared.wake();
         }
         self.calls.into_iter().for_each(|call| call());
-    }
-}
-
-/// Most bytes of an object beside blocks that do not count against the budget: a scene of some instances must fit the
-/// least budget of its models.
-const UNCOUNTED: u64 = 16 << 10;
-
-/// Memory beside blocks that is charged to the budget until this is dropped.
-#[derive(Default)]
-pub struct Kept {
-    charge: Charge,
-    of: Option<(Arc<Shared>, u64)>,
-}
-
-impl Drop for Kept {
-    fn drop(&mut self) {
-        if let Some((shared, bytes)) = self.of.take() {
-            self.charge = Charge::default();
-            {
-                let mut state = shared.lock();
-                state.tables -= bytes;
-                let _ = state.ranking.invalidate();
-            }
-            // Fetchers can use the room that is free again.
-            shared.wake();
-        }
-    }
-}
-
-/// Returns the bytes kept free of slots under a budget, and the bytes for the lease.
-fn shares(budget: u64) -> [u64; 2] {
-    [(budget / 16).clamp(1 << 20, 4 << 20), (budget / 8).clamp(1 << 20, 8 << 20)]
-}
-
-/// Returns the least budget that leaves `bytes` beside the [`shares`].
-fn least_budget(bytes: u64) -> u64 {
-    let mut budget = bytes;
-    // `more` grows slower than `budget`, so the loop ends.
-    loop {
-        let more = bytes.saturating_add(shares(budget).iter().sum());
-        if more <= budget {
-            return budget;
-        }
-        budget = more;
     }
 }
 
@@ -218,16 +172,6 @@ impl Residency {
         self.0.capacity(&state).saturating_sub(used)
     }
 
-    /// Charges `bytes` of memory that stays, evicting blocks if it must; up to [`UNCOUNTED`] bytes are not charged.
-    /// Fails with `OverBudget`, which says `what` needs them.
-    pub fn keep(&self, what: &str, bytes: u64) -> Result<Kept> {
-        if bytes <= UNCOUNTED {
-            return Ok(Kept::default());
-        }
-        let charge = self.0.grant(&|| what.into(), [bytes, bytes, 0], &Cancel::new())?;
-        Ok(Kept { charge, of: Some((Arc::clone(&self.0), bytes)) })
-    }
-
     pub(super) fn shared(&self) -> &Arc<Shared> {
         &self.0
     }
@@ -261,53 +205,6 @@ impl Shared {
     /// Bytes that slots may take beside the tables.
     pub fn capacity(&self, state: &State) -> u64 {
         self.main.limit().saturating_sub(self.headroom + state.tables)
-    }
-
-    /// Returns a key, and a charge for `stays` bytes of tables, for the model `name`. Its tables take `tables` bytes at
-    /// most, and `roots` bytes of its blocks are pinned. Evicts blocks in use if it must, and then waits until passes
-    /// that hold them have ended, [`FOR_ROOM`] at most.
-    pub fn admit(&self, name: &Path, bytes: [u64; 3], cancel: &Cancel) -> Result<(ModelKey, Charge)> {
-        let charge = self.grant(&|| format!("opening {}", name.display()), bytes, cancel)?;
-        let mut state = self.lock();
-        state.next_key += 1;
-        Ok((ModelKey(state.next_key - 1), charge))
-    }
-
-    /// Counts `tables` and `roots` bytes as not available to other blocks, and charges `stays` bytes, as
-    /// [`Shared::admit`] does. `what` names the purpose in an error.
-    fn grant(&self, what: &dyn Fn() -> String, [stays, tables, roots]: [u64; 3], cancel: &Cancel) -> Result<Charge> {
-        let have = self.options.budget;
-        {
-            let mut state = self.lock();
-            let need = least_budget(state.tables + tables + state.pinned + roots);
-            if need > have {
-                return Err(Error::OverBudget { what: what(), need, have });
-            }
-            state.tables += tables;
-            state.pinned += roots;
-        }
-        let begun = Instant::now();
-        loop {
-            let charge = if self.takes_room(0) { self.main.charge(stays, 0) } else { None };
-            if let Some(charge) = charge {
-                return Ok(charge);
-            }
-            let cancelled = cancel.check();
-            if cancelled.is_err() || begun.elapsed() >= FOR_ROOM {
-                {
-                    let mut state = self.lock();
-                    state.tables -= tables;
-                    state.pinned -= roots;
-                    let _ = state.ranking.invalidate();
-                }
-                // Fetchers can use the room that is free again.
-                self.wake();
-                cancelled?;
-                let what = format!("{} in addition to the data in use", what());
-                return Err(Error::OverBudget { what, need: have + stays + roots, have });
-            }
-            std::thread::sleep(Duration::from_millis(1));
-        }
     }
 
     /// Makes room for slots of `bytes` that must be in memory, also by evicting blocks in use. Returns false if
@@ -365,6 +262,12 @@ impl Shared {
 }
 
 impl State {
+    /// Returns a key for a further model.
+    pub fn new_key(&mut self) -> ModelKey {
+        self.next_key += 1;
+        ModelKey(self.next_key - 1)
+    }
+
     pub fn model(&self, key: ModelKey) -> Option<Arc<Inner>> {
         self.models.get(&key)?.upgrade()
     }

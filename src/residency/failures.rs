@@ -1,7 +1,8 @@
 //! Blocks that could not be read, and the reasons, so that no view waits for them.
 
-use crate::base::error::Error;
+use crate::base::error::{Error, Result};
 use crate::base::ids::BlockId;
+use crate::base::memory::room;
 use std::sync::atomic::{AtomicBool, AtomicU8, Ordering::AcqRel, Ordering::Relaxed, Ordering::Release};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -36,13 +37,11 @@ pub(super) struct Failures {
 const OFTEN: Duration = Duration::from_millis(250);
 
 impl Failures {
-    /// Creates the table for `count` blocks, none failed.
-    pub fn new(count: u32) -> Self {
-        Self {
-            blocks: (0..count).map(|_| AtomicU8::new(0)).collect(),
-            any: AtomicBool::new(false),
-            forgotten: Mutex::default(),
-        }
+    /// Creates the table for `count` blocks, none failed. Fails with `NoMemory`.
+    pub fn new(count: u32) -> Result<Self> {
+        let mut blocks: Vec<AtomicU8> = room(count as usize, "the table of failed blocks")?;
+        blocks.extend((0..count).map(|_| AtomicU8::new(0)));
+        Ok(Self { blocks: blocks.into(), any: AtomicBool::new(false), forgotten: Mutex::default() })
     }
 
     /// Marks a block as unavailable.

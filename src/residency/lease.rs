@@ -1,12 +1,12 @@
 //! Lease: a part of the budget that lets exact jobs end even if views use the rest. One job holds it at a time.
 
 use super::account::Account;
+use super::admit::grown;
 use super::blocks::{Inner, ModelBlocks, ModelKey};
 use super::bring::Held;
 use super::claims::Claim;
 use super::core::{Residency, Shared};
 use super::load::{Buffers, RUN_BYTES, runs};
-use super::pump::stored_len;
 use super::rank::Key;
 use super::slots::Slot;
 use super::snapshot::{PAGE_BYTES, Snapshot};
@@ -34,7 +34,7 @@ struct Inside {
 }
 
 /// One part in this many of the reserve is kept free for tables and for reading.
-const WORKING_SHARE: u64 = 3;
+pub(super) const WORKING_SHARE: u64 = 3;
 
 impl Reserve {
     pub fn new(bytes: u64) -> Self {
@@ -185,8 +185,7 @@ impl Lease {
             charge = reserve.account.charge(bytes, reserve.working());
         }
         let mut charge = charge.ok_or_else(|| self.no_room(model, bytes))?;
-        let stored = run.iter().map(|&id| stored_len(model, id)).sum();
-        let buffers = Buffers::new(&reserve.account, &model.file, stored);
+        let buffers = Buffers::new(&reserve.account, &model.file, run);
         let mut buffers = buffers.ok_or_else(|| self.no_room(model, bytes))?;
         let loaded = model.load(run, &mut charge, &mut buffers, cancel);
         let mut inside = reserve.lock();
@@ -206,7 +205,7 @@ impl Lease {
     fn no_room(&self, model: &Inner, bytes: u64) -> Error {
         let have = self.shared.budget();
         let what = format!("an exact query of {}", model.file.name().display());
-        Error::OverBudget { what, need: have.saturating_add(bytes), have }
+        Error::OverBudget { what, need: grown(have, 8 * bytes), have }
     }
 }
 

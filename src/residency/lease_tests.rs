@@ -16,7 +16,7 @@ const WORDS: usize = 250;
 struct Small;
 
 impl Decoder for Small {
-    fn decode(&self, id: BlockId, _: &[u8]) -> std::result::Result<Vec<u32>, String> {
+    fn decode(&self, id: BlockId, _: &[u8], _: usize) -> std::result::Result<Vec<u32>, String> {
         Ok(vec![id.0; WORDS])
     }
 }

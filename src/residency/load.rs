@@ -7,6 +7,7 @@ use crate::base::error::{Error, Result};
 use crate::base::ids::BlockId;
 use crate::base::progress::Cancel;
 use crate::store::ModelFile;
+use crate::store::directory::Row;
 use std::sync::atomic::Ordering::Relaxed;
 
 /// Greatest number of stored bytes in a run.
@@ -18,6 +19,20 @@ const GAP_BYTES: u64 = 16 << 10;
 /// Bytes of the block in memory.
 pub(super) fn slot_bytes(file: &ModelFile, id: BlockId) -> u64 {
     Slot::bytes_for(file.decoded_len(id).div_ceil(4) as usize)
+}
+
+/// Bytes of a block in memory, by its row of the directory.
+pub(super) fn slot_bytes_of(row: &Row) -> u64 {
+    Slot::bytes_for(row.decoded_len.div_ceil(4) as usize)
+}
+
+/// Bytes of working memory to read a run of blocks, given their rows: the stored bytes, one payload and one decoded
+/// block at a time, and as much again as a decoded block. (The arrays that decoding allocates meanwhile, some two
+/// blocks more, are not charged.)
+pub(super) fn reading_bytes(run: &[Row]) -> u64 {
+    let (Some(first), Some(last)) = (run.first(), run.last()) else { return 0 };
+    let most = |len: fn(&Row) -> u32| u64::from(run.iter().map(len).max().unwrap_or(0));
+    last.end().saturating_sub(first.offset) + most(|row| row.payload_len) + 2 * most(|row| row.decoded_len)
 }
 
 /// True if block `next` can be added to the run from `first` to `last`, with `most` bytes at most.
@@ -57,12 +72,11 @@ pub(super) struct Buffers {
 }
 
 impl Buffers {
-    /// Creates buffers that `account` pays for; `None` if that has too little for a run of `run` bytes of `file`.
-    pub fn new(account: &Account, file: &ModelFile, run: u64) -> Option<Self> {
-        let largest = u64::from(file.header().block_size);
-        // Stored bytes, a payload (four times a block at most, mostly one or less), and the decoded block. (The arrays
-        // that decoding allocates meanwhile, some three blocks, are not charged.)
-        let charge = account.charge(run + 3 * largest, 0)?;
+    /// Creates buffers that `account` pays for; `None` if that has too little for `run`, ascending neighbours in
+    /// `file`. All that the directory states of the blocks is paid for before they are read.
+    pub fn new(account: &Account, file: &ModelFile, run: &[BlockId]) -> Option<Self> {
+        let (first, last) = (run.first()?.0 as usize, run.last()?.0 as usize);
+        let charge = account.charge(reading_bytes(file.directory().get(first..=last)?), 0)?;
         Some(Self { _charge: charge, ..Self::default() })
     }
 }
@@ -116,13 +130,13 @@ impl Inner {
     /// Decodes the block from the stored bytes that begin with block `first`.
     fn decode(&self, id: BlockId, first: BlockId, charge: &mut Charge, buffers: &mut Buffers) -> Result<Slot> {
         self.file.open_stored(id, first, &buffers.stored, &mut buffers.payload)?;
-        let words = self.decoder.decode(id, &buffers.payload).map_err(|why| self.corrupt(id, why))?;
-        if words.len() * 4 != self.file.decoded_len(id) as usize {
+        let stated = self.file.decoded_len(id) as usize;
+        let words = self.decoder.decode(id, &buffers.payload, stated / 4).map_err(|why| self.corrupt(id, why))?;
+        if words.len() * 4 != stated {
             return Err(self.corrupt(id, "the decoded size differs from the size in the directory"));
         }
-        let mut references = Vec::new();
-        let has = self.decoder.links(id, &words, &mut |reference| references.push(reference));
-        self.links.check(id, has, &references).map_err(|why| self.corrupt(id, why))?;
+        let statements = self.decoder.statements(id, &words);
+        self.links.check(id, &statements).map_err(|why| self.corrupt(id, why))?;
         Ok(Slot::charged(&words, charge.split(self.slot_bytes(id))))
     }
 }

@@ -11,6 +11,7 @@
 #![deny(unsafe_code)]
 
 mod account;
+mod admit;
 mod blocks;
 mod bring;
 mod claims;
@@ -22,6 +23,7 @@ mod failures;
 mod fill;
 #[allow(unsafe_code)] // calls `madvise`
 mod huge_pages;
+mod kept;
 mod lease;
 #[cfg(test)]
 mod lease_tests;
@@ -40,11 +42,13 @@ mod tests;
 mod view;
 mod wakeup;
 
-pub use self::core::{Kept, Residency, ResidencyOptions};
+pub use self::core::{Residency, ResidencyOptions};
+pub use admit::{Admission, Needs};
 pub use blocks::{BlockClass, Decoder, ModelBlocks, ModelKey};
 pub use bring::Held;
+pub use kept::Kept;
 pub use lease::Lease;
-pub use links::Reference;
+pub use links::{Entries, MOST_NODES, Reference, Statements};
 pub use pump::Fetchers;
 pub use slots::Slot;
 pub use snapshot::{Shown, Snapshot};

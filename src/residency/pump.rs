@@ -354,8 +354,7 @@ impl Shared {
             return Ok(None);
         }
         let charge = self.main.charge(bytes, self.headroom).ok_or(Short::ForNow)?;
-        let stored = run.iter().map(|&id| stored_len(model, id)).sum();
-        let buffers = Buffers::new(&self.main, &model.file, stored).ok_or(Short::ForNow)?;
+        let buffers = Buffers::new(&self.main, &model.file, run).ok_or(Short::ForNow)?;
         state.in_flight += bytes;
         Ok(Some(Room { charge, buffers, _in_flight: InFlight { shared: Arc::clone(self), bytes } }))
     }

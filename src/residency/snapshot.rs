@@ -2,7 +2,9 @@
 
 use super::account::{Account, Charge};
 use super::slots::Slot;
+use crate::base::error::Result;
 use crate::base::ids::BlockId;
+use crate::base::memory::room;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
@@ -56,6 +58,15 @@ impl Snapshot {
         let count = (blocks as usize).div_ceil(PAGE);
         let stamps = (0..count * PAGE).map(|_| [const { AtomicU32::new(0) }; CHANNELS]).collect();
         Self { pages: vec![page; count], blocks, stamps, _charge: Charge::default() }
+    }
+
+    /// [`Snapshot::empty`] that fails with `NoMemory` if the system lacks memory for the table.
+    pub(super) fn none(blocks: u32) -> Result<Self> {
+        // A shared slice can only be allocated without a check, so its size is tried before.
+        let [stays, changes] = Self::bytes_for(blocks);
+        let tried: Vec<u8> = room((stays + changes) as usize, "the table of the blocks of a model")?;
+        drop(tried);
+        Ok(Self::empty(blocks))
     }
 
     /// Returns the bytes of the table of a model with `blocks` blocks: `[shared part, greatest addition per snapshot]`.

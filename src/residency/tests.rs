@@ -24,7 +24,7 @@ struct Numbers {
 }
 
 impl Decoder for Numbers {
-    fn decode(&self, id: BlockId, payload: &[u8]) -> std::result::Result<Vec<u32>, String> {
+    fn decode(&self, id: BlockId, payload: &[u8], _: usize) -> std::result::Result<Vec<u32>, String> {
         if payload.len() < 4 || payload[..4] != id.0.to_le_bytes() {
             return Err("it is another block".into());
         }
@@ -32,7 +32,7 @@ impl Decoder for Numbers {
     }
     fn class(&self, id: BlockId) -> BlockClass {
         self.looks.fetch_add(1, SeqCst);
-        BlockClass { is_coarse: id.0 < COARSE, below: None, is_read_ahead: id.0 < BLOCKS }
+        BlockClass { is_coarse: id.0 < COARSE, is_read_ahead: id.0 < BLOCKS, ..BlockClass::default() }
     }
 }
 

@@ -25,7 +25,7 @@ pub use context::{Context, ContextOptions, LogLevel};
 pub use edit::{Scene, Scope};
 pub(crate) use group::Group;
 pub use light::{Background, Light, LightKind};
-pub use model::{Model, ModelInfo, ModelMemory, PartInfo};
+pub use model::{Model, ModelInfo, ModelMemory, ModelParts, PartInfo};
 
 pub use looks::Look;
 pub use state::SceneState;

@@ -4,27 +4,28 @@ use super::camera::{Camera, default_views};
 use super::context::{Context, LogLevel};
 use crate::base::error::{Error, Result};
 use crate::base::ids::BlockId;
+use crate::base::inside_read::refuse_inside_read;
 use crate::base::progress::{Cancel, Phase, Progress};
 use crate::base::units::UpAxis;
 use crate::lod::SAMPLE_BYTES;
 use crate::math::DBounds;
-use crate::residency::{Kept, ModelBlocks, Snapshot};
-use crate::store::{FileSource, Header, InstanceRow, ModelFile, PartRow, PartSets, Source, TreeRow};
+use crate::residency::{Kept, ModelBlocks, Needs, Snapshot};
+use crate::store::contents::Kind;
+use crate::store::{FileSource, Header, InstanceRow, ModelFile, Outline, Part, PartSets, Source, TreeRow};
 use crate::structure::open::{self, Opened, StoredTree};
 use crate::structure::{Tree, Visit};
 use glam::{DAffine3, DMat3, DVec3};
-use std::collections::HashMap;
 use std::ops::Deref;
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// A part of a model, as stored.
-#[derive(Debug, Clone, PartialEq)]
-pub struct PartInfo {
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PartInfo<'a> {
     /// The caller's id.
     pub id: u64,
-    /// Its name; may be empty.
-    pub name: String,
+    /// Its name without characters NUL; may be empty.
+    pub name: &'a str,
     /// Index of its parent part in [`Model::parts`].
     pub parent: Option<u32>,
     /// Linear RGBA of its material; alpha is the opacity.
@@ -37,6 +38,44 @@ pub struct PartInfo {
     pub bounds: DBounds,
     /// Number of its own triangles, without those of the parts below it.
     pub triangles: u64,
+}
+
+/// The parts of a model.
+#[derive(Debug, Clone, Copy)]
+pub struct ModelParts<'a>(&'a ModelFile);
+
+impl<'a> ModelParts<'a> {
+    /// Number of parts.
+    pub fn len(self) -> usize {
+        self.0.parts().len()
+    }
+
+    /// True if there are no parts.
+    pub fn is_empty(self) -> bool {
+        self.0.parts().is_empty()
+    }
+
+    /// The part with this index, if there is one.
+    #[inline]
+    pub fn get(self, index: usize) -> Option<PartInfo<'a>> {
+        self.0.parts().get(index).map(|part| part_info(part, self.0))
+    }
+
+    /// The caller's id of the part with this index, if there is one.
+    #[inline]
+    pub fn id(self, index: usize) -> Option<u64> {
+        self.0.parts().id(index)
+    }
+
+    /// All parts; a parent comes before its children.
+    pub fn iter(self) -> impl ExactSizeIterator<Item = PartInfo<'a>> + Clone {
+        self.0.parts().iter().map(move |part| part_info(part, self.0))
+    }
+
+    /// The name of the part with this index, with a NUL behind it; empty if there is no such part.
+    pub fn name_and_nul(self, index: usize) -> &'a str {
+        self.0.parts().name_and_nul(index)
+    }
 }
 
 /// Properties of a model, from its header.
@@ -90,11 +129,8 @@ pub struct Model(Arc<Inner>);
 struct Inner {
     context: Context,
     info: ModelInfo,
-    parts: Vec<PartInfo>,
     /// True if a part is transparent.
     see_through: bool,
-    /// Index of the first part with each id.
-    part_of_id: HashMap<u64, u32>,
     trees: Vec<StoredTree>,
     blocks: ModelBlocks,
     geometry_bytes: u64,
@@ -156,13 +192,20 @@ impl Model {
         progress: &Progress,
         cancel: &Cancel,
     ) -> Result<Self> {
+        refuse_inside_read()?;
         progress.enter(Phase::Read);
-        let file = Arc::new(ModelFile::open(source)?);
-        let header = *file.header();
+        let outline = Outline::read(source)?;
+        let header = *outline.header();
         if header.options.sample_bytes as usize != SAMPLE_BYTES {
             let why = format!("this version does not support samples of {} bytes", header.options.sample_bytes);
-            return Err(Error::corrupt(file.name(), None, why));
+            return Err(Error::corrupt(outline.name(), None, why));
         }
+        let residency = context.residency();
+        let tables = outline.memory().saturating_add(open::bytes_for(outline.count(Kind::Trees)));
+        let needs = Needs { tables, ..Needs::default() };
+        // Tables that do not fit are not read, except for the error.
+        let admission = residency.admit(outline.name(), needs, || needs_of(&outline, cancel), cancel)?;
+        let file = Arc::new(outline.open(cancel)?);
         let Opened { decoder, mut trees } = open::open(&file)?;
         let geometry = (0..header.geometry_blocks).map(BlockId);
         let geometry_bytes = geometry.map(|b| u64::from(file.decoded_len(b))).sum();
@@ -170,8 +213,7 @@ impl Model {
         let again = move |why: &Error| log.log(LogLevel::Warning, &format!("{why}; the block is read again"));
         let starts: Vec<_> = trees.iter().filter_map(StoredTree::start).collect();
         let roots: Vec<BlockId> = starts.iter().map(|start| start.0).collect();
-        let residency = context.residency();
-        let blocks = ModelBlocks::open(residency, Arc::clone(&file), decoder, &roots, again, cancel)?;
+        let blocks = ModelBlocks::open_read(admission, Arc::clone(&file), decoder, &roots, again, cancel)?;
         starts.iter().try_for_each(|&(root, number)| blocks.expect_number(root, number))?;
         if all {
             blocks.fill(&first_blocks(&file, residency.budget()), context.pool(), progress, cancel)?;
@@ -180,26 +222,12 @@ impl Model {
             let there = blocks.snapshot();
             trees.iter_mut().for_each(|tree| tree.look(&there));
         }
-        let parts: Vec<PartInfo> = file.parts().iter().map(|row| part_info(row, &file)).collect();
-        let mut part_of_id = HashMap::with_capacity(parts.len());
-        for (i, part) in parts.iter().enumerate() {
-            part_of_id.entry(part.id).or_insert(i as u32);
-        }
-        let see_through = parts.iter().any(|part| part.colour[3] < 1.0);
+        let is_transparent = |material: u32| file.materials()[material as usize].opacity < 1.0;
+        let see_through = file.parts().iter().any(|part| is_transparent(part.material));
         let info = info_of(&file, &header);
         let context = context.clone();
         let part_sets = Mutex::default();
-        Ok(Self(Arc::new(Inner {
-            context,
-            info,
-            parts,
-            see_through,
-            part_of_id,
-            trees,
-            blocks,
-            geometry_bytes,
-            part_sets,
-        })))
+        Ok(Self(Arc::new(Inner { context, info, see_through, trees, blocks, geometry_bytes, part_sets })))
     }
 
     /// The context in which it was opened.
@@ -213,13 +241,13 @@ impl Model {
     }
 
     /// Its parts, in the file's order.
-    pub fn parts(&self) -> &[PartInfo] {
-        &self.0.parts
+    pub fn parts(&self) -> ModelParts<'_> {
+        ModelParts(self.0.blocks.file())
     }
 
     /// The index in [`Model::parts`] of the first part with this id.
     pub fn part_index(&self, id: u64) -> Option<u32> {
-        self.0.part_of_id.get(&id).copied()
+        self.0.blocks.file().parts().index_of(id)
     }
 
     /// Bytes that it holds in memory now.
@@ -351,18 +379,33 @@ fn model_from_mesh(row: &InstanceRow) -> DAffine3 {
     DAffine3 { matrix3: DMat3::from_cols(column(0), column(1), column(2)), translation: column(3) }
 }
 
-fn part_info(row: &PartRow, file: &ModelFile) -> PartInfo {
-    let material = file.materials()[row.material as usize];
+/// The needs of a model beside those of its tables, found without reading these into memory.
+fn needs_of(outline: &Outline, cancel: &Cancel) -> Result<Needs> {
+    let (blocks, geometry) = (outline.block_count(), outline.header().geometry_blocks);
+    let (mut blocks_read, mut entered) = (Needs::default(), 0);
+    outline.for_each_block(cancel, |row, begins| {
+        blocks_read.hold(row);
+        if let Some(tree) = begins {
+            blocks_read.pin(row);
+            entered += open::entered_blocks(outline.header().structure, tree);
+        }
+    })?;
+    Ok(Needs::of_blocks(blocks, geometry, entered).and(blocks_read))
+}
+
+#[inline]
+fn part_info<'a>(part: Part<'a>, file: &ModelFile) -> PartInfo<'a> {
+    let material = file.materials()[part.material as usize];
     let [r, g, b] = material.colour;
     PartInfo {
-        id: row.id,
-        name: row.name.clone(),
-        parent: row.parent,
+        id: part.id,
+        name: part.name,
+        parent: part.parent,
         colour: [r, g, b, material.opacity],
         metalness: material.metalness,
         roughness: material.roughness,
-        bounds: bounds_of(row.bounds),
-        triangles: row.triangles,
+        bounds: bounds_of(part.bounds),
+        triangles: part.triangles,
     }
 }
 

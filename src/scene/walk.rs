@@ -13,7 +13,8 @@ use crate::base::error::Result;
 use crate::base::ids::BlockId;
 use crate::math::Ray;
 use crate::residency::{Held, Lease, Shown};
-use crate::structure::{LocalRay, Outcome, PartFilter, Tree, TriHit, Triangle, Visit, Walk, Within};
+use crate::structure::{LocalRay, NEVER, Outcome, PartFilter, Tree, TriHit, Triangle, Visit, Walk, Within};
+use std::sync::atomic::AtomicBool;
 
 /// A block that a job needs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -174,6 +175,8 @@ pub(crate) struct SceneView<'a> {
     pub opaque_cells: bool,
     /// The stamp of the visiting pass, see `residency::View`.
     pub stamp: u32,
+    /// Once it is set, walks end soon; their results have no meaning then.
+    pub stop: &'a AtomicBool,
     /// True if walks search beyond the ends of intervals, so far that they lose no hit that double precision puts
     /// within. The caller then tests each hit. Otherwise intervals apply in single precision.
     pub widen_interval: bool,
@@ -251,6 +254,7 @@ impl<'a> SceneView<'a> {
             accept_missing: false,
             opaque_cells: false,
             stamp,
+            stop: &NEVER,
             widen_interval: false,
             within: None,
         }
@@ -266,12 +270,8 @@ impl<'a> SceneView<'a> {
     #[inline]
     pub fn tree(&self, placed: u32) -> Tree<'a> {
         let p = &self.scene.placement.placed[placed as usize];
-        let visit = Visit {
-            accept_missing: self.accept_missing,
-            opaque_cells: self.opaque_cells,
-            stamp: self.stamp,
-            shown: self.scene.shown_blocks(placed),
-        };
+        let Self { accept_missing, opaque_cells, stamp, stop, .. } = *self;
+        let visit = Visit { accept_missing, opaque_cells, stamp, shown: self.scene.shown_blocks(placed), stop };
         self.model_of(placed).tree_in(p.tree, &self.snapshots.0[p.model as usize], visit)
     }
 

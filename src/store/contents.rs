@@ -136,7 +136,7 @@ pub(super) fn encode_sections(
     sets: &PartSets,
 ) -> [(Vec<u8>, u64); KINDS.len()] {
     [
-        (directory::encode(rows), rows.len() as u64),
+        (sections::encode(rows), rows.len() as u64),
         (sections::encode(tables.parts), tables.parts.len() as u64),
         (sections::encode(tables.materials), tables.materials.len() as u64),
         (sections::encode(tables.instances), tables.instances.len() as u64),

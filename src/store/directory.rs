@@ -2,7 +2,8 @@
 
 use super::codec::{Codec, EncodedBlock, lz4_limit};
 use super::header::{ALIGN, HEADER_LEN};
-use crate::base::bytes::{ByteReader, Malformed, PutBytes, ensure};
+use super::sections::{FileRow, PlainRow};
+use crate::base::bytes::{ByteReader, Checked, Malformed, PutBytes, ensure};
 
 /// Number of bytes of a row in the file.
 pub const ROW_LEN: usize = 32;
@@ -51,8 +52,8 @@ impl Row {
         ensure(self.stored_len > 0, "the block is empty")?;
         ensure(self.decoded_len <= block_size, "the trace form is larger than the block size")?;
         ensure(
-            u64::from(self.payload_len) <= 4 * u64::from(block_size),
-            "the payload is larger than four times the block size",
+            u64::from(self.payload_len) <= 2 * u64::from(block_size),
+            "the payload is larger than twice the block size",
         )?;
         match self.codec {
             Codec::Stored => ensure(self.payload_len == self.stored_len, "stored and payload sizes differ"),
@@ -62,7 +63,10 @@ impl Row {
             ),
         }
     }
+}
 
+impl FileRow for Row {
+    const LEN: usize = ROW_LEN;
     fn encode(&self, out: &mut Vec<u8>) {
         out.put_u64(self.offset);
         out.put_u32(self.stored_len);
@@ -72,8 +76,10 @@ impl Row {
         out.put_bytes(&[0; 3]);
         out.put_u64(self.checksum);
     }
+}
 
-    fn decode(r: &mut ByteReader) -> Result<Self, Malformed> {
+impl PlainRow for Row {
+    fn decode(r: &mut ByteReader) -> Checked<Self> {
         let (offset, stored_len, payload_len, decoded_len) = (r.u64()?, r.u32()?, r.u32()?, r.u32()?);
         let codec = Codec::from_u8(r.u8()?).ok_or(Malformed::new("unknown codec"))?;
         r.zeros(3)?;
@@ -84,23 +90,6 @@ impl Row {
 /// Returns the first multiple of [`ALIGN`] at or after `offset`.
 pub(super) fn aligned(offset: u64) -> u64 {
     offset.checked_next_multiple_of(ALIGN).unwrap_or(u64::MAX)
-}
-
-/// Returns the bytes of a directory.
-pub(super) fn encode(rows: &[Row]) -> Vec<u8> {
-    let mut out = Vec::with_capacity(rows.len() * ROW_LEN);
-    rows.iter().for_each(|row| row.encode(&mut out));
-    out
-}
-
-/// Reads a directory of `bytes.len() / ROW_LEN` rows. The caller still has to call [`check`].
-pub(super) fn decode(bytes: &[u8]) -> Result<Vec<Row>, Malformed> {
-    let mut r = ByteReader::new(bytes);
-    let mut rows = Vec::with_capacity(bytes.len() / ROW_LEN);
-    while r.remaining() > 0 {
-        rows.push(Row::decode(&mut r)?);
-    }
-    Ok(rows)
 }
 
 /// Checks the invariants of [`Row`]. Returns the offset one past the last block.
@@ -118,6 +107,8 @@ pub(super) fn check(rows: &[Row], block_size: u32) -> Result<u64, Malformed> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::opening::decode_rows;
+    use super::super::sections::encode;
     use super::*;
 
     fn rows() -> Vec<Row> {
@@ -136,10 +127,10 @@ mod tests {
     fn a_directory_comes_back() {
         let bytes = encode(&rows());
         assert_eq!(bytes.len(), 3 * ROW_LEN);
-        assert_eq!(decode(&bytes), Ok(rows()));
+        assert_eq!(decode_rows(&bytes, 3), Ok(rows()));
         assert_eq!(check(&rows(), 1024), Ok(449));
         assert_eq!(check(&[], 1024), Ok(256));
-        assert!(decode(&bytes[..95]).is_err());
+        assert!(decode_rows::<Row>(&bytes[..95], 3).is_err());
     }
 
     #[test]
@@ -164,7 +155,7 @@ mod tests {
         gap[1..].iter_mut().for_each(|row| row.offset += 64);
         assert!(check(&gap, 1 << 10).is_err());
         let large = |payload_len| Row { stored_len: payload_len, payload_len, ..rows()[0] };
-        assert!(check(&[large(4096)], 1 << 10).is_ok() && check(&[large(4097)], 1 << 10).is_err());
+        assert!(check(&[large(2048)], 1 << 10).is_ok() && check(&[large(2049)], 1 << 10).is_err());
         let mut far = rows();
         far[0].stored_len = u32::MAX;
         assert!(check(&far, 1 << 10).is_err());

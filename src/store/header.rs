@@ -19,7 +19,7 @@ pub const FOOTER_LEN: usize = 32;
 pub const ALIGN: u64 = 64;
 
 /// Least and greatest value of [`Header::block_size`].
-pub const BLOCK_SIZES: std::ops::RangeInclusive<u32> = 1024..=1 << 24;
+pub const BLOCK_SIZES: std::ops::RangeInclusive<u32> = 1024..=1 << 16;
 /// Value of [`Header::block_size`] if the caller does not choose one.
 pub const DEFAULT_BLOCK_SIZE: u32 = 64 << 10;
 

@@ -1,23 +1,24 @@
 //! Opening a model file and reading its blocks.
 
 use super::codec;
-use super::contents::{self, Entry, KINDS, Kind, TABLE_LEN, of_section};
-use super::directory::{self, Row};
-use super::header::{self, FOOTER_LEN, Frame, HEADER_LEN, Header, HeaderError, VERSION};
+use super::contents::{Entry, Kind, of_section};
+use super::directory::Row;
+use super::header::Header;
+use super::opening::{FileTables, Opening, Outline};
 use super::part_sets::PartSets;
-use super::sections::{self, InstanceRow, MaterialRow, PartRow, Tables, TreeRow};
+use super::parts::Parts;
+use super::sections::{InstanceRow, MaterialRow, TreeRow};
 use super::source::{FileSource, Source};
 use crate::base::bytes::{Checked, Malformed, ensure, is_zero};
 use crate::base::error::{Error, Result};
 use crate::base::ids::BlockId;
+use crate::base::memory::zeroed;
 use crate::base::progress::{Cancel, Progress};
-use std::io;
 use std::path::Path;
 use std::sync::Arc;
 use xxhash_rust::xxh3::xxh3_64;
 
-/// Maximum number of bytes that are read at once, so that a false size leads to a failed read before it takes much
-/// memory.
+/// Greatest number of bytes that a check reads at once.
 const READ_STEP: usize = 4 << 20;
 
 /// An opened model file. All of it except its blocks is in memory and has been checked. It is immutable; any number of
@@ -30,13 +31,12 @@ pub struct ModelFile {
     /// Offset of the directory. Header, blocks and padding are before it.
     blocks_end: u64,
     rows: Vec<Row>,
-    parts: Vec<PartRow>,
+    parts: Parts,
     materials: Vec<MaterialRow>,
     instances: Vec<InstanceRow>,
     trees: Vec<TreeRow>,
-    /// Place of the parts of blocks, which are read on demand, and the offset of the section table behind them.
+    /// Place of the parts of blocks, which are read on demand.
     part_sets: Entry,
-    table_at: u64,
 }
 
 /// Result of [`ModelFile::check`] for an intact file.
@@ -56,43 +56,17 @@ impl ModelFile {
     /// Opens the model that `source` reads.
     ///
     /// Reads and checks the header, directory, sections and footer; blocks are checked when they are read. Fails with
-    /// [`Error::Corrupt`] or [`Error::NewerFormat`], naming the file, or with [`Error::Io`]. The memory it takes is
-    /// proportional to the bytes that were read, whatever sizes the file claims.
+    /// [`Error::Corrupt`] or [`Error::NewerFormat`], naming the file, or with [`Error::Io`]. Takes as much memory as
+    /// the tables of the file need; [`Outline`] states that before they are read.
     pub fn open(source: Arc<dyn Source>) -> Result<Self> {
-        let file = Opening { source: &*source };
-        let (header, frame, head) = file.header()?;
-        file.footer(&frame, &head)?;
-        let entries = file.table(&frame)?;
-        let blocks_end = entries[0].offset;
-        let tail = file.sections(&entries)?;
-        let bytes = |kind: Kind| section(&tail, &entries, blocks_end, kind);
-        let damaged = |kind| move |why| file.corrupt(of_section(kind, &why));
-        let rows = directory::decode(bytes(Kind::Directory).0).map_err(damaged(Kind::Directory))?;
-        let parts = decode_rows(bytes(Kind::Parts)).map_err(damaged(Kind::Parts))?;
-        let materials = decode_rows(bytes(Kind::Materials)).map_err(damaged(Kind::Materials))?;
-        let instances = decode_rows(bytes(Kind::Assembly)).map_err(damaged(Kind::Assembly))?;
-        let trees = decode_rows(bytes(Kind::Trees)).map_err(damaged(Kind::Trees))?;
-        let tables = Tables { parts: &parts, materials: &materials, instances: &instances, trees: &trees };
-        tables.validate(&header).map_err(|why| file.corrupt(why))?;
-        file.check_directory(&rows, &header, blocks_end)?;
-        let (fingerprint, file_len, table_at) = (xxh3_64(&head), frame.file_len, frame.table_at);
-        let [.., part_sets] = entries;
-        let has_all = part_sets.count == 0 || part_sets.count == u64::from(header.geometry_blocks);
-        file.ensure(has_all, "section parts of blocks: the number of rows differs from the number of geometry blocks")?;
-        Ok(Self {
-            source,
-            header,
-            fingerprint,
-            file_len,
-            blocks_end,
-            rows,
-            parts,
-            materials,
-            instances,
-            trees,
-            part_sets,
-            table_at,
-        })
+        Outline::read(source)?.open(&Cancel::new())
+    }
+
+    /// The file with this outline and its checked tables. `frame`: fingerprint, length, and offset of the directory.
+    pub(super) fn of(source: Arc<dyn Source>, header: Header, frame: (u64, u64, u64), tables: FileTables) -> Self {
+        let (fingerprint, file_len, blocks_end) = frame;
+        let FileTables { rows, parts, materials, instances, trees, part_sets } = tables;
+        Self { source, header, fingerprint, file_len, blocks_end, rows, parts, materials, instances, trees, part_sets }
     }
 
     /// [`ModelFile::open`] for a path of the file system.
@@ -117,7 +91,7 @@ impl ModelFile {
         &self.header
     }
     /// All parts; a parent comes before its children.
-    pub fn parts(&self) -> &[PartRow] {
+    pub fn parts(&self) -> &Parts {
         &self.parts
     }
     /// All materials.
@@ -159,27 +133,18 @@ impl ModelFile {
         2 * self.part_sets.len
     }
 
-    /// Reads and checks the parts of blocks. Fails with [`Error::Io`] or [`Error::Corrupt`].
+    /// Reads and checks the parts of blocks. Fails with [`Error::Io`], [`Error::Corrupt`] or [`Error::NoMemory`].
     pub fn part_sets(&self) -> Result<PartSets> {
-        let file = self.opening();
-        let bytes = file.read_vec(self.part_sets.offset, self.table_at - self.part_sets.offset)?;
-        let bytes = file.intact(&self.part_sets, &bytes)?;
+        let (file, entry) = (self.opening(), &self.part_sets);
+        let len = usize::try_from(entry.len).unwrap_or(usize::MAX);
+        let mut bytes = zeroed(len, "the parts of blocks")?;
+        file.read(entry.offset, &mut bytes)?;
         let tree_of =
             |block: usize| self.trees.partition_point(|tree| tree.first_block as usize <= block).checked_sub(1);
         let most = |block: usize| tree_of(block).map_or(0, |tree| self.trees[tree].local_parts);
-        let sets = PartSets::decode(bytes, self.part_sets.count, most);
+        let sets = ensure(xxh3_64(&bytes) == entry.checksum, "damaged (checksum mismatch)")
+            .and_then(|()| PartSets::decode(&bytes, entry.count, most));
         sets.map_err(|why| file.corrupt(of_section(Kind::PartSets, &why)))
-    }
-
-    /// Number of bytes of memory that the directory and the tables take.
-    pub fn memory(&self) -> u64 {
-        let names: usize = self.parts.iter().map(|part| part.name.capacity()).sum();
-        let tables = size_of_val(&self.rows[..])
-            + size_of_val(&self.parts[..])
-            + size_of_val(&self.materials[..])
-            + size_of_val(&self.instances[..])
-            + size_of_val(&self.trees[..]);
-        (names + tables) as u64
     }
 
     /// Reads a block, checks it, and replaces the content of `out` by its payload. `scratch` is working memory, reused
@@ -223,9 +188,10 @@ impl ModelFile {
     ///
     /// Continues after a damaged block, so that the error can give the number of damaged blocks; it names the first.
     pub fn check(&self, progress: &Progress, cancel: &Cancel) -> Result<CheckReport> {
-        let again = Self::open(self.source.clone())?;
-        let same = ensure(again.fingerprint == self.fingerprint, "the file was replaced after it was opened");
+        let again = Outline::read(self.source.clone())?;
+        let same = ensure(again.fingerprint() == self.fingerprint, "the file was replaced after it was opened");
         same.map_err(|why| self.opening().corrupt(why))?;
+        again.check_tables(cancel)?;
         self.part_sets()?;
         let (mut buffer, mut payload) = (Vec::new(), Vec::new());
         let mut damage: Option<(BlockId, Malformed)> = None;
@@ -304,119 +270,4 @@ impl std::fmt::Debug for ModelFile {
 fn open_block(row: &Row, stored: &[u8], out: &mut Vec<u8>) -> Checked<()> {
     ensure(xxh3_64(stored) == row.checksum, "damaged (checksum mismatch)")?;
     codec::decode(row.codec, stored, row.payload_len, out)
-}
-
-/// Returns the bytes of a section and its number of rows. `tail` begins at offset `tail_at` and contains all sections.
-fn section<'a>(tail: &'a [u8], entries: &[Entry], tail_at: u64, kind: Kind) -> (&'a [u8], u64) {
-    let entry = entries.iter().find(|entry| entry.kind == kind);
-    entry.map_or((&[], 0), |e| (&tail[(e.offset - tail_at) as usize..(e.end() - tail_at) as usize], e.count))
-}
-
-fn decode_rows<T: sections::FileRow>((bytes, count): (&[u8], u64)) -> Checked<Vec<T>> {
-    sections::decode(bytes, count)
-}
-
-/// A file that is being opened.
-#[derive(Clone, Copy)]
-struct Opening<'a> {
-    source: &'a dyn Source,
-}
-
-impl Opening<'_> {
-    fn corrupt(&self, why: Malformed) -> Error {
-        Error::corrupt(self.source.name(), None, why.0)
-    }
-
-    fn ensure(&self, holds: bool, why: &'static str) -> Result<()> {
-        ensure(holds, why).map_err(|why| self.corrupt(why))
-    }
-
-    fn read(&self, offset: u64, buf: &mut [u8]) -> Result<()> {
-        self.source.read_at(offset, buf).map_err(|e| match e.kind() {
-            io::ErrorKind::UnexpectedEof => {
-                self.corrupt(Malformed::new("unexpected end of the file (was it truncated while in use?)"))
-            }
-            _ => Error::io(self.source.name(), "read", e),
-        })
-    }
-
-    /// Reads `len` bytes in steps, so that memory grows only with bytes that exist.
-    fn read_vec(&self, offset: u64, len: u64) -> Result<Vec<u8>> {
-        let mut out = Vec::new();
-        while (out.len() as u64) < len {
-            let (have, step) = (out.len(), (len - out.len() as u64).min(READ_STEP as u64) as usize);
-            let no_memory = |_| Error::io(self.source.name(), "read", io::ErrorKind::OutOfMemory.into());
-            out.try_reserve(step).map_err(no_memory)?;
-            out.resize(have + step, 0);
-            self.read(offset + have as u64, &mut out[have..])?;
-        }
-        Ok(out)
-    }
-
-    fn header(&self) -> Result<(Header, Frame, Vec<u8>)> {
-        let len = self.source.len();
-        let head = self.read_vec(0, len.min(HEADER_LEN as u64))?;
-        let (header, frame) = header::decode(&head).map_err(|e| match e {
-            HeaderError::Malformed(why) => self.corrupt(why),
-            HeaderError::Newer(found) => {
-                Error::NewerFormat { file: self.source.name().to_path_buf(), found, supported: VERSION }
-            }
-        })?;
-        if frame.file_len != len {
-            let why = if len < frame.file_len { "truncated" } else { "unexpected bytes at the end" };
-            return Err(self.corrupt(Malformed::new(format!("{why}: {len} bytes instead of {}", frame.file_len))));
-        }
-        Ok((header, frame, head))
-    }
-
-    fn footer(&self, frame: &Frame, head: &[u8]) -> Result<()> {
-        let least = (HEADER_LEN + TABLE_LEN + FOOTER_LEN) as u64;
-        self.ensure(frame.file_len >= least, "truncated")?;
-        let footer = self.read_vec(frame.file_len - FOOTER_LEN as u64, FOOTER_LEN as u64)?;
-        self.ensure(
-            footer == header::encode_footer(frame.file_len, head),
-            "the footer is damaged or belongs to another file",
-        )
-    }
-
-    fn table(&self, frame: &Frame) -> Result<[Entry; KINDS.len()]> {
-        let place = frame.file_len - (TABLE_LEN + FOOTER_LEN) as u64;
-        let known = frame.sections as usize == KINDS.len() && frame.table_at == place;
-        self.ensure(known, "the section table is not at the expected position")?;
-        let table = self.read_vec(frame.table_at, TABLE_LEN as u64)?;
-        self.ensure(xxh3_64(&table) == frame.table_checksum, "the section table is damaged (checksum mismatch)")?;
-        let entries = contents::decode(&table, frame.table_at).map_err(|why| self.corrupt(why))?;
-        let [directory, ..] = &entries;
-        let begins_well = directory.count == u64::from(frame.blocks) && directory.offset >= HEADER_LEN as u64;
-        self.ensure(begins_well, "the directory does not match the header")?;
-        Ok(entries)
-    }
-
-    /// Returns the bytes of a section out of `bytes`, which also hold the padding behind it; checks checksum and
-    /// padding.
-    fn intact<'a>(&self, entry: &Entry, bytes: &'a [u8]) -> Result<&'a [u8]> {
-        let (bytes, padding) = bytes.split_at(entry.len as usize);
-        let intact = ensure(xxh3_64(bytes) == entry.checksum, "damaged (checksum mismatch)")
-            .and_then(|()| ensure(is_zero(padding), "the padding behind the section is not zero"));
-        intact.map_err(|why| self.corrupt(of_section(entry.kind, &why)))?;
-        Ok(bytes)
-    }
-
-    /// Reads everything from the directory up to the parts of blocks, and checks checksums and padding.
-    fn sections(&self, entries: &[Entry; KINDS.len()]) -> Result<Vec<u8>> {
-        let start = entries[0].offset;
-        let [before @ .., last] = entries;
-        let tail = self.read_vec(start, last.offset - start)?;
-        let at = |offset: u64| (offset - start) as usize;
-        for (i, entry) in before.iter().enumerate() {
-            self.intact(entry, &tail[at(entry.offset)..at(entries[i + 1].offset)])?;
-        }
-        Ok(tail)
-    }
-
-    /// Checks the rows, and that blocks and padding end at the directory, at `blocks_end`.
-    fn check_directory(&self, rows: &[Row], header: &Header, blocks_end: u64) -> Result<()> {
-        let end = directory::check(rows, header.block_size).map_err(|why| self.corrupt(why))?;
-        self.ensure(directory::aligned(end) == blocks_end, "unexpected bytes between blocks and directory")
-    }
 }

@@ -3,7 +3,7 @@
 //! Decoding is strict: code that uses tables which [`Tables::validate`] has accepted needs no further checks.
 
 use super::header::Header;
-use crate::base::bytes::{ByteReader, Malformed, PutBytes, ensure};
+use crate::base::bytes::{ByteReader, Checked, Malformed, PutBytes, ensure};
 
 /// Bounds that contain nothing: +infinity thrice, then -infinity thrice.
 pub const EMPTY_BOUNDS: [f64; 6] = {
@@ -18,7 +18,7 @@ pub const EMPTY_BOUNDS_F32: [f32; 6] = {
 /// Maximum number of classes of blocks of a structure.
 pub const CLASSES: usize = 4;
 /// The parent, in the file, of a part without a parent.
-const NO_PARENT: u32 = u32::MAX;
+pub(super) const NO_PARENT: u32 = u32::MAX;
 
 /// A part: the unit that a CAD user selects.
 #[derive(Debug, Clone, PartialEq)]
@@ -145,7 +145,7 @@ pub(super) fn is_finite(values: &[f64]) -> bool {
 }
 
 /// Accepts finite bounds and [`EMPTY_BOUNDS`].
-pub(super) fn check_bounds(b: &[f64; 6]) -> Result<(), Malformed> {
+pub(super) fn check_bounds(b: &[f64; 6]) -> Checked<()> {
     let ordered = is_finite(b) && (0..3).all(|axis| b[axis] <= b[axis + 3]);
     ensure(ordered || *b == EMPTY_BOUNDS, "invalid bounds")
 }
@@ -165,11 +165,47 @@ pub struct Tables<'a> {
 
 impl Tables<'_> {
     /// Checks every documented range of the rows, among themselves and against the header.
-    pub fn validate(&self, header: &Header) -> Result<(), Malformed> {
+    pub fn validate(&self, header: &Header) -> Checked<()> {
+        each(self.parts, "part", |i, part| {
+            ensure(part.name.len() <= u32::MAX as usize, "the name is too long")?;
+            check_part(i, part.parent, part.material, &part.bounds, self.materials.len() as u64)
+        })?;
+        let triangles = self.parts.iter().map(|part| part.triangles).try_fold(0, u64::checked_add);
+        let Self { materials, instances, trees, .. } = *self;
+        Others { parts: self.parts.len(), triangles, materials, instances, trees }.validate(header)
+    }
+}
+
+/// Checks the ranges of the part in row `index`; there are `materials` materials.
+pub(super) fn check_part(
+    index: usize,
+    parent: Option<u32>,
+    material: u32,
+    bounds: &[f64; 6],
+    materials: u64,
+) -> Checked<()> {
+    // Parents come first, hence there are no cycles.
+    ensure(parent.is_none_or(|p| (p as usize) < index), "the parent does not precede the part")?;
+    ensure(u64::from(material) < materials, "the material does not exist")?;
+    check_bounds(bounds)
+}
+
+/// All tables but the parts, of which only the numbers are needed.
+pub(super) struct Others<'a> {
+    /// Number of parts, and the sum of their triangles; `None` if that is too large.
+    pub parts: usize,
+    pub triangles: Option<u64>,
+    pub materials: &'a [MaterialRow],
+    pub instances: &'a [InstanceRow],
+    pub trees: &'a [TreeRow],
+}
+
+impl Others<'_> {
+    /// Checks every documented range of the rows, among themselves and against the header.
+    pub fn validate(&self, header: &Header) -> Checked<()> {
         let too_many = |rows: usize| rows >= u32::MAX as usize;
-        let counts = [self.parts.len(), self.materials.len(), self.instances.len(), self.trees.len()];
+        let counts = [self.parts, self.materials.len(), self.instances.len(), self.trees.len()];
         ensure(!counts.into_iter().any(too_many), "too many rows in a table")?;
-        each(self.parts, "part", |i, part| self.check_part(i, part))?;
         each(self.materials, "material", |_, m| {
             ensure(m.numbers().iter().all(|v| (0.0..=1.0).contains(v)), "a number is outside of [0, 1]")
         })?;
@@ -177,23 +213,15 @@ impl Tables<'_> {
         self.check_trees(header.geometry_blocks)
     }
 
-    fn check_part(&self, index: usize, part: &PartRow) -> Result<(), Malformed> {
-        // Parents come first, hence there are no cycles.
-        ensure(part.parent.is_none_or(|p| (p as usize) < index), "the parent does not precede the part")?;
-        ensure((part.material as usize) < self.materials.len(), "the material does not exist")?;
-        ensure(part.name.len() <= u32::MAX as usize, "the name is too long")?;
-        check_bounds(&part.bounds)
-    }
-
-    fn check_instance(&self, instance: &InstanceRow) -> Result<(), Malformed> {
+    fn check_instance(&self, instance: &InstanceRow) -> Checked<()> {
         let tree = self.trees.get(instance.tree as usize).filter(|_| instance.tree != 0);
         let tree = tree.ok_or(Malformed::new("the shared mesh does not exist"))?;
         let last = u64::from(instance.first_part) + u64::from(tree.local_parts);
-        ensure(last <= self.parts.len() as u64, "the parts are not in the table of parts")?;
+        ensure(last <= self.parts as u64, "the parts are not in the table of parts")?;
         ensure(is_invertible(&instance.world_from_mesh), "the transform is not finite or not invertible")
     }
 
-    fn check_trees(&self, geometry_blocks: u32) -> Result<(), Malformed> {
+    fn check_trees(&self, geometry_blocks: u32) -> Checked<()> {
         let mut next = 0u64;
         each(self.trees, "tree", |_, tree| {
             ensure(u64::from(tree.first_block) == next, "the blocks do not follow those of the previous tree")?;
@@ -201,24 +229,26 @@ impl Tables<'_> {
             let sum: u64 = tree.class_blocks.iter().map(|&blocks| u64::from(blocks)).sum();
             ensure(sum == u64::from(tree.block_count), "the block counts of the classes are inconsistent")?;
             ensure(tree.class_blocks[0] > 0 || tree.block_count == 0, "there is no coarse block")?;
-            ensure(tree.local_parts as usize <= self.parts.len(), "there are more local parts than parts")?;
+            ensure(tree.local_parts as usize <= self.parts, "there are more local parts than parts")?;
             ensure(is_finite(&tree.origin), "invalid origin")?;
             check_bounds(&tree.bounds.map(f64::from))?;
             ensure(tree.position_error.is_finite() && tree.position_error >= 0.0, "invalid position error")
         })?;
         let counts = self.trees.iter().flat_map(|t| [t.triangles, t.references, t.nodes, t.leaves]);
-        let sum = counts.chain(self.parts.iter().map(|p| p.triangles)).try_fold(0, u64::checked_add);
+        let sum = counts.map(Some).chain([self.triangles]).try_fold(0u64, |sum, count| sum.checked_add(count?));
         ensure(sum.is_some(), "the sum of the counts of trees and parts is too large")?;
         ensure(next == u64::from(geometry_blocks), "the trees do not cover all geometry blocks")
     }
 }
 
 /// Calls `check` for all rows. The error names the row that fails.
-fn each<T>(rows: &[T], what: &str, mut check: impl FnMut(usize, &T) -> Result<(), Malformed>) -> Result<(), Malformed> {
-    for (i, row) in rows.iter().enumerate() {
-        check(i, row).map_err(|why| Malformed::new(format!("{what} {i}: {why}")))?;
-    }
-    Ok(())
+fn each<T>(rows: &[T], what: &str, mut check: impl FnMut(usize, &T) -> Checked<()>) -> Checked<()> {
+    rows.iter().enumerate().try_for_each(|(i, row)| check(i, row).map_err(|why| of_row(what, i, &why)))
+}
+
+/// Returns `why` with the row in front.
+pub(super) fn of_row(what: &str, index: usize, why: &Malformed) -> Malformed {
+    Malformed::new(format!("{what} {index}: {why}"))
 }
 
 /// A row of a section: a fixed number of bytes, and for parts a text behind all rows.
@@ -227,8 +257,6 @@ pub(super) trait FileRow: Sized {
     const LEN: usize;
     /// Appends [`Self::LEN`] bytes.
     fn encode(&self, out: &mut Vec<u8>);
-    /// Reads [`Self::LEN`] bytes from `rows`, and the row's text from `texts`.
-    fn decode(rows: &mut ByteReader, texts: &mut ByteReader) -> Result<Self, Malformed>;
     /// The text that is stored behind all rows.
     fn text(&self) -> &str {
         ""
@@ -245,15 +273,10 @@ pub(super) fn encode<T: FileRow>(rows: &[T]) -> Vec<u8> {
     out
 }
 
-/// Reads a section of exactly `count` rows. The memory it takes is bounded by `bytes`, not by `count`.
-pub(super) fn decode<T: FileRow>(bytes: &[u8], count: u64) -> Result<Vec<T>, Malformed> {
-    let rows_len = usize::try_from(count).ok().and_then(|n| n.checked_mul(T::LEN));
-    let (rows, texts) =
-        rows_len.and_then(|n| bytes.split_at_checked(n)).ok_or(Malformed::new("unexpected end of data"))?;
-    let (mut rows, mut texts) = (ByteReader::new(rows), ByteReader::new(texts));
-    let out = (0..count).map(|_| T::decode(&mut rows, &mut texts)).collect::<Result<_, _>>()?;
-    texts.finish()?;
-    Ok(out)
+/// A row without a text.
+pub(super) trait PlainRow: FileRow {
+    /// Reads the [`FileRow::LEN`] bytes of a row.
+    fn decode(r: &mut ByteReader) -> Checked<Self>;
 }
 
 impl FileRow for PartRow {
@@ -267,15 +290,6 @@ impl FileRow for PartRow {
         out.put_u32(self.name.len() as u32);
         out.put_u32(0);
     }
-    fn decode(r: &mut ByteReader, texts: &mut ByteReader) -> Result<Self, Malformed> {
-        let (id, triangles, bounds) = (r.u64()?, r.u64()?, r.f64s()?);
-        let parent = Some(r.u32()?).filter(|&p| p != NO_PARENT);
-        let material = r.u32()?;
-        let name = texts.take(r.u32()? as usize)?;
-        r.zeros(4)?;
-        let name = str::from_utf8(name).map_err(|_| Malformed::new("a name is not UTF-8"))?;
-        Ok(Self { id, name: name.to_owned(), parent, material, bounds, triangles })
-    }
     fn text(&self) -> &str {
         &self.name
     }
@@ -286,7 +300,10 @@ impl FileRow for MaterialRow {
     fn encode(&self, out: &mut Vec<u8>) {
         out.put_f32s(&self.numbers());
     }
-    fn decode(r: &mut ByteReader, _: &mut ByteReader) -> Result<Self, Malformed> {
+}
+
+impl PlainRow for MaterialRow {
+    fn decode(r: &mut ByteReader) -> Checked<Self> {
         let [red, green, blue, opacity, metalness, roughness] = r.f32s()?;
         Ok(Self { colour: [red, green, blue], opacity, metalness, roughness })
     }
@@ -299,7 +316,10 @@ impl FileRow for InstanceRow {
         out.put_u32(self.first_part);
         out.put_f64s(&self.world_from_mesh);
     }
-    fn decode(r: &mut ByteReader, _: &mut ByteReader) -> Result<Self, Malformed> {
+}
+
+impl PlainRow for InstanceRow {
+    fn decode(r: &mut ByteReader) -> Checked<Self> {
         Ok(Self { tree: r.u32()?, first_part: r.u32()?, world_from_mesh: r.f64s()? })
     }
 }
@@ -321,7 +341,10 @@ impl FileRow for TreeRow {
         out.put_u32(self.max_stack);
         self.class_blocks.iter().for_each(|&blocks| out.put_u32(blocks));
     }
-    fn decode(r: &mut ByteReader, _: &mut ByteReader) -> Result<Self, Malformed> {
+}
+
+impl PlainRow for TreeRow {
+    fn decode(r: &mut ByteReader) -> Checked<Self> {
         Ok(Self {
             first_block: r.u32()?,
             block_count: r.u32()?,

@@ -1,5 +1,6 @@
+use super::super::opening::decode_rows;
+use super::super::parts::{Parts, Reading};
 use super::*;
-use crate::base::bytes::Checked;
 
 fn part(name: &str, parent: Option<u32>) -> PartRow {
     PartRow {
@@ -55,24 +56,28 @@ impl Sample {
     }
 }
 
-fn roundtrip<T: FileRow + PartialEq + std::fmt::Debug>(rows: &[T]) {
+fn roundtrip<T: PlainRow + PartialEq + std::fmt::Debug>(rows: &[T]) {
     let bytes = encode(rows);
     let count = rows.len() as u64;
-    assert_eq!(decode::<T>(&bytes, count).unwrap(), rows);
+    assert_eq!(decode_rows::<T>(&bytes, count).unwrap(), rows);
     for len in 0..bytes.len() {
-        assert!(decode::<T>(&bytes[..len], count).is_err(), "{len} of {} bytes", bytes.len());
+        assert!(decode_rows::<T>(&bytes[..len], count).is_err(), "{len} of {} bytes", bytes.len());
     }
-    let longer = [&bytes[..], &[0]].concat();
-    assert!(decode::<T>(&longer, count).is_err());
-    for count in [count + 1, u64::MAX, u64::MAX / T::LEN as u64] {
-        assert!(decode::<T>(&bytes, count).is_err(), "count {count}");
-    }
+}
+
+/// Reads parts, whose names come in pieces of `piece` bytes.
+fn parts_of(bytes: &[u8], count: usize, piece: usize) -> Checked<Parts> {
+    let (rows, names) = bytes.split_at(count * PartRow::LEN);
+    let mut reading = Reading::new(count as u64, names.len() as u64, 1).unwrap();
+    rows.chunks(PartRow::LEN).try_for_each(|row| reading.push_row(row))?;
+    reading.end_rows(names.len() as u64)?;
+    names.chunks(piece).for_each(|piece| reading.push_names(piece));
+    Ok(reading.finish().unwrap()?.0)
 }
 
 #[test]
 fn rows_come_back_and_sizes_are_exact() {
     let sample = Sample::new();
-    roundtrip(&sample.parts);
     roundtrip(&sample.materials);
     roundtrip(&sample.instances);
     roundtrip(&sample.trees);
@@ -80,10 +85,48 @@ fn rows_come_back_and_sizes_are_exact() {
 }
 
 #[test]
+fn parts_come_back_in_any_pieces() {
+    let sample = Sample::new();
+    let bytes = encode(&sample.parts);
+    for piece in [1, 2, 3, 5, 100] {
+        let parts = parts_of(&bytes, 3, piece).unwrap();
+        assert_eq!(parts.to_rows(), sample.parts);
+        assert_eq!([0, 1, 2, 3].map(|i| parts.name_and_nul(i)), ["root\0", "Schräube ∅3\0", "\0", "\0"]);
+    }
+    for wrong in [&bytes[..bytes.len() - 1], &[&bytes[..], &[0]].concat()] {
+        assert!(parts_of(wrong, 3, 7).is_err());
+    }
+}
+
+#[test]
+fn parts_are_found_by_their_ids() {
+    for ids in [[3, 7, 7, 9], [9, 7, 3, 7], [0, 0, u64::MAX, 1], [5; 4]] {
+        let rows = ids.map(|id| PartRow { id, ..part("", None) });
+        let parts = parts_of(&encode(&rows), 4, 1).unwrap();
+        for id in (0..11).chain([u64::MAX]) {
+            let first = ids.iter().position(|&other| other == id).map(|i| i as u32);
+            assert_eq!(parts.index_of(id), first, "{id} in {ids:?}");
+        }
+    }
+    assert_eq!(Parts::default().index_of(0), None);
+}
+
+#[test]
+fn characters_nul_in_names_are_left_out() {
+    let parts = parts_of(&encode(&[part("a\0b", None), part("\0", None), part("c", None)]), 3, 2).unwrap();
+    assert_eq!([0, 1, 2].map(|i| parts.get(i).unwrap().name), ["ab", "", "c"]);
+}
+
+#[test]
 fn names_must_be_utf8() {
     let mut bytes = encode(&[part("ab", None)]);
     *bytes.last_mut().unwrap() = 0xff;
-    assert!(decode::<PartRow>(&bytes, 1).is_err());
+    assert!(parts_of(&bytes, 1, 9).is_err());
+    // Two names that are valid only as one.
+    let halves = encode(&[part("x", None), part("y", None)]);
+    let mut halves = halves[..halves.len() - 2].to_vec();
+    halves.extend("ä".as_bytes());
+    assert!(parts_of(&halves, 2, 9).is_err());
 }
 
 #[test]

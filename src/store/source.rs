@@ -3,6 +3,7 @@
 #[cfg(unix)]
 use super::page_cache;
 use crate::base::error::{Error, Result};
+use crate::base::inside_read::reading;
 use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -124,7 +125,8 @@ pub struct CallbackSource {
 
 impl CallbackSource {
     /// A source of `len` bytes that calls `read`. Several threads call it at once, and none of them holds a lock of
-    /// this library. `name` appears in messages.
+    /// this library. `read` must not query, open, load, render or wait with this library: such calls fail with
+    /// `BadState`. `name` appears in messages.
     pub fn new(name: impl Into<PathBuf>, len: u64, read: ReadCallback) -> Self {
         Self { read, len, name: name.into() }
     }
@@ -139,7 +141,7 @@ impl Source for CallbackSource {
         if end.is_none_or(|end| end > self.len) {
             return Err(io::ErrorKind::UnexpectedEof.into());
         }
-        (self.read)(offset, buf)
+        reading(|| (self.read)(offset, buf))
     }
     fn name(&self) -> &Path {
         &self.name

@@ -36,19 +36,19 @@ impl Medium for FaultyDisk {
     }
 }
 
-/// Three incompressible blocks, each larger than the buffer.
+/// Incompressible blocks that fill the buffer three times.
 fn write(mut writer: Writer) -> Result<u64> {
-    let header = Header { block_size: 1 << 24, geometry_blocks: 1, has_colours: true, ..Header::default() };
+    let header = Header { geometry_blocks: 9, has_colours: true, ..Header::default() };
     let mut state = 1u64;
     let mut random = || {
         state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
         (state >> 56) as u8
     };
-    let payload: Vec<u8> = (0..BUFFER_LEN + 5).map(|_| random()).collect();
-    for id in 0..3 {
+    let payload: Vec<u8> = (0..BUFFER_LEN / 8 - 5).map(|_| random()).collect();
+    for id in 0..27 {
         assert_eq!(writer.block(&payload, 1)?, BlockId(id));
     }
-    writer.finish(&header, &[], &[], &[], &[TREE])
+    writer.finish(&header, &[], &[], &[], &[TreeRow { block_count: 9, class_blocks: [9, 0, 0, 0], ..TREE }])
 }
 
 const TREE: TreeRow = TreeRow { block_count: 1, class_blocks: [1, 0, 0, 0], bounds: [0.0; 6], ..TreeRow::EMPTY };

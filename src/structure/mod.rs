@@ -42,7 +42,7 @@ pub use par::Par;
 pub use place::{Place, Rooted};
 pub use ray::{LocalRay, USUAL_DIRS};
 pub use stream::Stream;
-pub use tree::{Bundle, Tree, Visit};
+pub use tree::{Bundle, NEVER, Tree, Visit};
 pub use walk::Walk;
 
 /// Acceleration structure of a model.

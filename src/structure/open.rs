@@ -8,6 +8,7 @@ use super::place::Place;
 use super::tree::{Tree, Visit};
 use crate::base::error::{Error, Result};
 use crate::base::ids::BlockId;
+use crate::base::memory::room;
 use crate::math::{Bounds, DBounds};
 use crate::residency::{Decoder, Snapshot};
 use crate::simd::Isa;
@@ -65,7 +66,22 @@ pub fn open(file: &ModelFile) -> Result<Opened> {
         };
         start.map(|start| stored(row, start)).map_err(|why| Error::corrupt(file.name(), Some(row.first_block), why))
     };
-    Ok(Opened { decoder, trees: file.trees().iter().map(start).collect::<Result<_>>()? })
+    let mut trees = room(file.trees().len(), "the trees of a model")?;
+    file.trees().iter().try_for_each(|row| start(row).map(|tree| trees.push(tree)))?;
+    Ok(Opened { decoder, trees })
+}
+
+/// Bytes of memory for `trees` opened trees, those of the decoder included.
+pub fn bytes_for(trees: u64) -> u64 {
+    trees.saturating_mul((size_of::<StoredTree>() + bvh::BvhDecoder::BYTES_A_TREE) as u64)
+}
+
+/// Number of blocks of a tree that other blocks may refer to.
+pub fn entered_blocks(structure: u32, tree: &TreeRow) -> u32 {
+    match Structure::from_number(structure) {
+        Some(Structure::Bvh) => bvh::entered_blocks(tree),
+        _ => 0,
+    }
 }
 
 /// Checks references between the blocks of a file, which no block can check by itself. Skips blocks that are not in

@@ -16,13 +16,16 @@ fn wrong<T>(why: &str) -> Checked<T> {
     Err(why.to_string())
 }
 
-/// Reads the kind and the count, with which each of these payloads begins.
-fn begin<'a>(payload: &'a [u8], kind: u8, other: &str) -> Checked<(Reader<'a>, usize)> {
+/// Reads the kind and the count, with which each of these payloads begins. The count must be that of the directory.
+fn begin<'a>(payload: &'a [u8], kind: u8, words: usize, other: &str) -> Checked<(Reader<'a>, usize)> {
     let mut reader = Reader::new(payload);
     if reader.u8()? != kind {
         return wrong(other);
     }
     let count = reader.u32()? as usize;
+    if count != words {
+        return wrong("the number of ids or colours differs from that in the directory");
+    }
     Ok((reader, count))
 }
 
@@ -38,18 +41,18 @@ pub fn encode_prims(prims: &[u32]) -> Vec<u8> {
     out
 }
 
-/// Decodes the primitive ids of a block: one word each.
-pub fn decode_prims(payload: &[u8]) -> Checked<Vec<u32>> {
-    let (mut reader, count) = begin(payload, PRIMS, "not a block of primitive ids")?;
+/// Decodes the primitive ids of a block, `words` by its directory: one word each.
+pub fn decode_prims(payload: &[u8], words: usize) -> Checked<Vec<u32>> {
+    let (mut reader, count) = begin(payload, PRIMS, words, "not a block of primitive ids")?;
     if count > reader.left() {
         return wrong("there are fewer ids than stated");
     }
+    let mut prims = Vec::with_capacity(count);
     let mut before = 0u32;
-    let mut next = || -> Checked<u32> {
+    for _ in 0..count {
         before = before.wrapping_add(unzigzag(reader.varint()?) as u32);
-        Ok(before)
-    };
-    let prims = (0..count).map(|_| next()).collect::<Checked<Vec<u32>>>()?;
+        prims.push(before);
+    }
     reader.end()?;
     Ok(prims)
 }
@@ -62,9 +65,9 @@ pub fn encode_colours(colours: &[[u8; 4]]) -> Vec<u8> {
     out
 }
 
-/// Decodes the colours of a block's triangles: one word each, red in the lowest byte.
-pub fn decode_colours(payload: &[u8]) -> Checked<Vec<u32>> {
-    let (mut reader, count) = begin(payload, COLOURS, "not a block of colours")?;
+/// Decodes the colours of a block's triangles, `words` by its directory: one word each, red in the lowest byte.
+pub fn decode_colours(payload: &[u8], words: usize) -> Checked<Vec<u32>> {
+    let (mut reader, count) = begin(payload, COLOURS, words, "not a block of colours")?;
     if reader.left() != count.saturating_mul(4) {
         return wrong("the number of colours does not match the size");
     }

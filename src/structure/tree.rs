@@ -26,11 +26,15 @@ use crate::math::Bounds;
 use crate::residency::Snapshot;
 use crate::simd::Isa;
 use glam::DVec3;
+use std::sync::atomic::AtomicBool;
 
 pub use bvh::trace::Bundle;
 
+/// A flag that nothing sets, for walks that nothing stops.
+pub static NEVER: AtomicBool = AtomicBool::new(false);
+
 /// Options of walks through a tree.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy)]
 pub struct Visit<'a> {
     /// Walks show stand-ins for blocks that are not in memory. Otherwise they stop at these blocks and request them.
     pub accept_missing: bool,
@@ -41,6 +45,15 @@ pub struct Visit<'a> {
     pub stamp: u32,
     /// Blocks that walks pass by, if parts are hidden.
     pub shown: Option<&'a ShownBlocks>,
+    /// Once it is set, walks end at the next block that they enter, as if it were missing. Their results have no
+    /// meaning then.
+    pub stop: &'a AtomicBool,
+}
+
+impl Default for Visit<'_> {
+    fn default() -> Self {
+        Self { accept_missing: false, opaque_cells: false, stamp: 0, shown: None, stop: &NEVER }
+    }
 }
 
 /// One tree of a model in one snapshot. Cheap to make; it borrows the snapshot as long as it is in use.

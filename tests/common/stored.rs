@@ -138,7 +138,7 @@ pub fn world(instances: &[Instance]) -> World {
         let mut place = |tree: u32, first_part: u32, world_from_mesh: DAffine3| {
             let tree = &trees[tree as usize];
             for (prim, part, corners) in &tree.tris {
-                let part = &file.parts()[(first_part + part) as usize];
+                let part = file.parts().get((first_part + part) as usize).expect("a part");
                 let colour = file.materials()[part.material as usize].colour;
                 out.tris.push(corners.map(|corner| world_from_mesh.transform_point3(tree.origin + corner)));
                 out.names.push(Name { instance: instance.id, part: part.id, prim: u64::from(*prim), colour });

@@ -96,6 +96,7 @@ impl TestTree {
             opaque_cells: false,
             stamp: 1,
             shown: None,
+            stop: &outcrop::structure::NEVER,
         }
     }
 

@@ -215,13 +215,13 @@ fn payloads_have_the_rows_of_their_tables() {
         let mut prims = Payload::new(&beside);
         prims.read("#### Primitive ids", 0);
         assert_eq!((prims.count("i"), prims.rest.len()), (triangles, 0));
-        assert_eq!(decode_prims(&beside).map(|all| all.len()), Ok(triangles));
+        assert_eq!(decode_prims(&beside, triangles).map(|all| all.len()), Ok(triangles));
         read(2 * geometry + id, &mut beside);
         let mut colours = Payload::new(&beside);
         colours.read("#### Colours", 0);
         assert_eq!((colours.count("c"), colours.rest.len()), (triangles, 0));
         let first = colours.row("sRGB").iter().step_by(triangles.max(1)).copied();
-        let decoded = decode_colours(&beside).expect("colours");
+        let decoded = decode_colours(&beside, triangles).expect("colours");
         assert_eq!(first.collect::<Vec<_>>(), decoded.first().map_or(Vec::new(), |c| c.to_le_bytes().to_vec()));
         kinds.insert((kind, payload.count("r")));
         for name in ["e", "s", "m", "k", "q"] {

@@ -1,11 +1,13 @@
 //! `outcrop check`.
 
 use crate::common::{self, Outcome};
+use outcrop::Error;
 use outcrop::base::progress::Progress;
 use outcrop::scene::{Context, ContextOptions, Model};
-use outcrop::store::ModelFile;
+use outcrop::store::{FileSource, Outline};
 use serde_json::json;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 /// Read every byte of a model file and check it: checksums, padding, tables, trees
 #[derive(clap::Args)]
@@ -24,13 +26,20 @@ pub struct Args {
 /// Runs the command.
 pub fn run(args: &Args) -> Outcome {
     let cancel = common::cancel_on_ctrl_c();
-    let file = ModelFile::open_path(&args.model)?;
+    let context = Context::new(ContextOptions { memory_budget: args.memory, ..ContextOptions::default() })?;
+    let outline = Outline::read(Arc::new(FileSource::open(&args.model)?))?;
+    let (need, have) = (outline.memory(), context.memory_budget());
+    if need > have {
+        let what = format!("the tables of {}", args.model.display());
+        return Err(Error::OverBudget { what, need, have }.into());
+    }
+    let file = outline.open(&cancel)?;
     let (progress, bar) = (Progress::default(), common::progress_bar(1000));
     let report = common::watched(&progress, &bar, || file.check(&progress, &cancel));
     bar.finish_and_clear();
     let report = report?;
     // Decodes and validates every block of geometry, and checks the links between blocks.
-    let context = Context::new(ContextOptions { memory_budget: args.memory, ..ContextOptions::default() })?;
+    drop(file);
     let model = Model::open(&context, &args.model)?;
     model.check(&cancel)?;
     let value = json!({

@@ -106,7 +106,7 @@ fn as_text(file: &ModelFile, with_parts: bool) -> String {
         up(file).unwrap_or("unknown"),
     );
     if with_parts {
-        for p in file.parts() {
+        for p in file.parts().iter() {
             text += &format!("{}\t{}\t{}\n", p.id, p.name, common::counted(p.triangles, "triangle"));
         }
     }

@@ -270,7 +270,7 @@ impl<const N: usize> Seen<N> {
             let group = self.groups.rays[column & (N - 1)];
             if want.has(Want::PART) {
                 let part = at.placed.first_part.saturating_add(self.triangles.part(column));
-                let id = parts.get(part as usize).map_or(NONE, |part| part.id);
+                let id = parts.id(part as usize).unwrap_or(NONE);
                 bits(group).for_each(|i| out[i].part = id);
             }
             if want.has(Want::NORMAL) {
@@ -298,7 +298,7 @@ impl<const N: usize> Seen<N> {
             let (hit, ray) = (&mut out[i], &rays[i]);
             hit.t = self.stand_ins.t(i, p, ray, hits.t(i));
             if want.has(Want::PART) {
-                hit.part = parts.get(self.stand_ins.part(i) as usize).map_or(NONE, |part| part.id);
+                hit.part = parts.id(self.stand_ins.part(i) as usize).unwrap_or(NONE);
             }
             if want.has(Want::NORMAL) {
                 hit.normal = self.stand_ins.normal(i);

@@ -443,7 +443,7 @@ impl Direct<'_> {
     pub(super) fn ids(&self, placed: u32, part: u32) -> (u64, u64) {
         let scene = self.view.scene;
         let instance = scene.placement.placed[placed as usize].instance;
-        let id = self.view.model_of(placed).parts().get(part as usize).map_or(NONE, |p| p.id);
+        let id = self.view.model_of(placed).parts().id(part as usize).unwrap_or(NONE);
         (id, scene.instances[instance as usize].id)
     }
 

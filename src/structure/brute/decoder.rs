@@ -29,20 +29,23 @@ impl BruteDecoder {
 }
 
 impl Decoder for BruteDecoder {
-    fn decode(&self, id: BlockId, payload: &[u8]) -> Result<Vec<u32>, String> {
+    fn decode(&self, id: BlockId, payload: &[u8], words: usize) -> Result<Vec<u32>, String> {
         match id.0 / self.geometry_blocks.max(1) {
             0 => {
                 let tree = self.tree_of(id.0).ok_or("the block belongs to no tree")?;
-                let (words, rest) = payload.as_chunks();
-                let words: Vec<u32> = words.iter().map(|&word| u32::from_le_bytes(word)).collect();
+                let (file, rest) = payload.as_chunks();
+                if file.len() != words {
+                    return Err("the size differs from the size in the directory".into());
+                }
+                let words: Vec<u32> = file.iter().map(|&word| u32::from_le_bytes(word)).collect();
                 if !rest.is_empty() {
                     return Err("the size is not a multiple of 4 bytes".into());
                 }
                 check(&words, id.0, tree)?;
                 Ok(words)
             }
-            1 => streams::decode_prims(payload),
-            _ => streams::decode_colours(payload),
+            1 => streams::decode_prims(payload, words),
+            _ => streams::decode_colours(payload, words),
         }
     }
 
@@ -50,6 +53,6 @@ impl Decoder for BruteDecoder {
         // Primitive ids are read only on request.
         let is_read_ahead = id.0 / self.geometry_blocks.max(1) != 1;
         let is_coarse = self.tree_of(id.0).is_some_and(|tree| id.0 < tree.lists);
-        BlockClass { is_coarse, below: None, is_read_ahead }
+        BlockClass { is_coarse, is_read_ahead, ..BlockClass::default() }
     }
 }

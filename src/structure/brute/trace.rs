@@ -20,6 +20,7 @@ use crate::structure::ray::{self, LocalRay};
 use crate::structure::tree::Visit;
 use crate::structure::walk::{Entry, Walk, push_sorted};
 use glam::Vec3;
+use std::sync::atomic::Ordering::Relaxed;
 
 /// One tree of a model in one snapshot.
 #[derive(Debug, Clone, Copy)]
@@ -111,6 +112,9 @@ impl<'a> TreeView<'a> {
 
     /// Reads the words of a block and sets its last-used stamp. Returns `None` if the block is missing.
     fn visited(&self, id: u32) -> Option<&'a [u32]> {
+        if self.visit.stop.load(Relaxed) {
+            return None;
+        }
         self.snapshot.visit(BlockId(id), self.visit.stamp)
     }
 

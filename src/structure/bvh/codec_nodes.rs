@@ -169,7 +169,21 @@ fn read_externals(reader: &mut Reader, count: usize, place: Place) -> Checked<Ve
             return wrong("an external reference does not refer to a node");
         }
     }
+    if has_duplicates(externals.iter().copied()) {
+        return wrong(TWO_PARENTS);
+    }
     Ok(externals)
+}
+
+/// The fault of two references to one node of another block.
+pub(super) const TWO_PARENTS: &str = "two external references refer to one node";
+
+/// True if two references of a block have one target. (References between blocks are checked by the residency too, but
+/// a block must be sound by itself.)
+pub(super) fn has_duplicates(externals: impl Iterator<Item = [u32; 2]>) -> bool {
+    let mut targets: Vec<u64> = externals.map(|[id, child]| u64::from(id) << 32 | u64::from(child)).collect();
+    targets.sort_unstable();
+    targets.windows(2).any(|pair| pair[0] == pair[1])
 }
 
 /// Decoded voxels.

@@ -2,11 +2,12 @@
 
 use super::codec::{self, Holds, Place};
 use super::codec_leaves::leaves_in_order;
-use super::layout::{Block, COARSE, Child, FINE, INDEX_MASK, MAX_WORDS};
+use super::layout::{Block, COARSE, Child, FINE, INDEX_MASK, KIND_SHIFT, MAX_WORDS, NODE_WORDS};
 use crate::base::ids::BlockId;
-use crate::residency::{BlockClass, Decoder, Reference, Snapshot};
+use crate::residency::{BlockClass, Decoder, Entries, MOST_NODES, Reference, Snapshot, Statements};
 use crate::store::TreeRow;
 use crate::structure::streams;
+use std::collections::HashSet;
 use std::hash::{BuildHasher, RandomState};
 
 /// Decodes the blocks of a model of structure `bvh`.
@@ -41,7 +42,15 @@ pub fn leaves_at(tree: &TreeRow) -> u32 {
     tree.class_blocks[FINE]
 }
 
+/// Number of blocks of a tree that other blocks may refer to: those with nodes, but for the first.
+pub fn entered_blocks(tree: &TreeRow) -> u32 {
+    tree.class_blocks[COARSE].saturating_add(leaves_at(tree)).saturating_sub(1)
+}
+
 impl BvhDecoder {
+    /// Bytes of memory for each tree.
+    pub const BYTES_A_TREE: usize = size_of::<TreeBlocks>();
+
     /// A decoder for a model with `geometry_blocks` geometry blocks, which belong to `trees`.
     pub fn new(geometry_blocks: u32, trees: &[TreeRow]) -> Self {
         let blocks = |t: &TreeRow| TreeBlocks {
@@ -59,6 +68,12 @@ impl BvhDecoder {
         self.trees.get(self.trees.partition_point(|t| t.end <= id))
     }
 
+    /// Id of the first block of the tree that a geometry block belongs to.
+    fn first_of_tree(&self, id: u32) -> u32 {
+        let before = self.trees.partition_point(|t| t.end <= id).checked_sub(1);
+        before.and_then(|tree| self.trees.get(tree)).map_or(0, |tree| tree.end)
+    }
+
     fn geometry(&self, id: u32, payload: &[u8]) -> Result<Vec<u32>, String> {
         let tree = self.tree_of(id).ok_or("the block belongs to no tree")?;
         let holds = match id {
@@ -74,32 +89,29 @@ impl BvhDecoder {
 }
 
 impl Decoder for BvhDecoder {
-    fn decode(&self, id: BlockId, payload: &[u8]) -> Result<Vec<u32>, String> {
+    fn decode(&self, id: BlockId, payload: &[u8], words: usize) -> Result<Vec<u32>, String> {
         match id.0 / self.geometry_blocks.max(1) {
+            // Geometry takes the memory of a block of the greatest size at most.
             0 => self.geometry(id.0, payload),
-            1 => streams::decode_prims(payload),
-            _ => streams::decode_colours(payload),
+            1 => streams::decode_prims(payload, words),
+            _ => streams::decode_colours(payload, words),
         }
     }
 
-    fn links(&self, id: BlockId, words: &[u32], refer: &mut dyn FnMut(Reference)) -> u32 {
+    fn statements(&self, id: BlockId, words: &[u32]) -> Statements {
         if id.0 >= self.geometry_blocks {
-            return 0;
+            return Statements::default();
         }
         let block = Block::new(words);
-        for (to, child) in block.all_externals() {
-            // The decoder has already refused references to anything but nodes.
-            if let Some(Child::Node(node)) = Child::from_bits(child) {
-                refer(Reference::To(BlockId(to), node as u32));
-            }
-        }
+        let mut references: Vec<Reference> =
+            nodes_elsewhere(&block).map(|(to, node)| Reference::To(to, node)).collect();
         if let Some(tree) = self.tree_of(id.0).filter(|tree| !tree.is_one && id.0 >= tree.coarse_end) {
             let is_leaf_block = id.0 >= tree.fine_end;
             let leaf_block = if is_leaf_block { id.0 } else { id.0 + tree.leaves_at };
             let starts = if is_leaf_block { leaves_in_order(&block) } else { leaves_named(&block) };
-            refer(Reference::Agreed(BlockId(leaf_block), self.key.hash_one(starts)));
+            references.push(Reference::Agreed(BlockId(leaf_block), self.key.hash_one(starts)));
         }
-        block.nodes() as u32
+        Statements { nodes: block.nodes() as u32, entries: entries(&block), references }
     }
 
     fn class(&self, id: BlockId) -> BlockClass {
@@ -111,8 +123,34 @@ impl Decoder for BvhDecoder {
             is_coarse: id.0 < tree.coarse_end,
             below: is_fine.then(|| BlockId(id.0 + tree.leaves_at)),
             is_read_ahead,
+            is_entered: id.0 < tree.fine_end && id.0 > self.first_of_tree(id.0),
         }
     }
+}
+
+/// The nodes of other blocks that a block refers to.
+fn nodes_elsewhere(block: &Block) -> impl Iterator<Item = (BlockId, u32)> {
+    // The decoder has already refused references to anything but nodes.
+    block.all_externals().filter_map(|(to, child)| match Child::from_bits(child)? {
+        Child::Node(node) => Some((BlockId(to), node as u32)),
+        _ => None,
+    })
+}
+
+const _: () = assert!(MAX_WORDS / NODE_WORDS <= MOST_NODES);
+
+/// The nodes of a block that have no parent in it.
+fn entries(block: &Block) -> Entries {
+    let mut entries: Entries = std::array::from_fn(|word| {
+        let count = block.nodes().saturating_sub(64 * word).min(64) as u32;
+        u64::MAX.checked_shr(64 - count).unwrap_or(0)
+    });
+    for child in (0..block.nodes()).flat_map(|i| block.node(i).child) {
+        // Empty slots hold 0, and node 0 has no parent in its block.
+        let is_node = child >> KIND_SHIFT == 0 && child != 0;
+        entries[usize::from(child) / 64 % (MOST_NODES / 64)] &= !(u64::from(is_node) << (child % 64));
+    }
+    entries
 }
 
 /// Returns the positions at which the leaves of a leaf block begin, according to its fine block; ascending.
@@ -136,18 +174,20 @@ fn leaves_named(block: &Block) -> Vec<u16> {
     starts
 }
 
-/// Checks the references that no block can check by itself: references between blocks must point at existing nodes, and
-/// fine blocks must have the positions of the leaves of their leaf blocks. Skips blocks that are not in memory. Fails
-/// with the block and the fault.
+/// Checks the references that no block can check by itself: references between blocks must point at existing nodes
+/// without other parents, and fine blocks must have the positions of the leaves of their leaf blocks. Skips blocks that
+/// are not in memory. Fails with the block and the fault.
 pub fn check_links(snapshot: &Snapshot, trees: &[TreeRow]) -> Result<(), (BlockId, String)> {
     let ids = |tree: &TreeRow| (tree.first_block..tree.first_block + tree.block_count).map(BlockId);
+    let mut entered = HashSet::new();
     for (tree, id) in trees.iter().flat_map(|tree| ids(tree).map(move |id| (tree, id))) {
         let Some(block) = snapshot.block(id).map(Block::new) else { continue };
-        for (to, child) in block.all_externals() {
-            let Some(target) = snapshot.block(BlockId(to)).map(Block::new) else { continue };
-            let exists = matches!(Child::from_bits(child), Some(Child::Node(n)) if n < target.nodes());
-            if !exists {
-                return Err((id, format!("the block refers to a node that does not exist in block {to}")));
+        for (to, node) in nodes_elsewhere(&block) {
+            let Some(target) = snapshot.block(to).map(Block::new) else { continue };
+            let word = entries(&target).get(node as usize / 64).copied().unwrap_or(0);
+            if word >> (node % 64) & 1 == 0 || !entered.insert((to, node)) {
+                let why = format!("the block refers to a node of block {} that does not exist or has a parent", to.0);
+                return Err((id, why));
             }
         }
         let coarse_end = tree.first_block + tree.class_blocks[COARSE];

@@ -57,7 +57,7 @@ impl Start {
     /// The tree in a snapshot.
     #[inline]
     pub fn view<'a>(&self, snapshot: &'a Snapshot, max_coord: f32, isa: Isa, visit: Visit<'a>) -> TreeView<'a> {
-        let Visit { accept_missing, opaque_cells, stamp, shown } = visit;
+        let Visit { accept_missing, opaque_cells, stamp, shown, stop } = visit;
         TreeView {
             snapshot,
             root_block: self.first_block,
@@ -71,6 +71,7 @@ impl Start {
             opaque_cells,
             stamp,
             shown,
+            stop,
         }
     }
 }

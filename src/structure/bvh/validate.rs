@@ -4,6 +4,7 @@
 //! itself, are checked by `check_links`.
 
 use super::codec::{Holds, Place};
+use super::codec_nodes::{TWO_PARENTS, has_duplicates};
 use super::layout::{
     Block, Child, EXTERNAL_WORDS, HEADER_WORDS, LONG_VOXEL, MAX_NODES, MAX_TRIANGLES, MAX_VERTICES, MAX_WORDS,
     NODE_WORDS, Node, PAD_WORDS, SHORT_VOXEL, WIDTH,
@@ -52,6 +53,7 @@ fn check_tables(block: &Block, place: Place) -> Result<(), String> {
             && matches!(Child::from_bits(child), Some(Child::Node(index)) if index < MAX_NODES);
         ensure(is_node, "an external reference does not refer to a node")?;
     }
+    ensure(!has_duplicates(block.all_externals().map(|(to, child)| [to, child])), TWO_PARENTS)?;
     check_voxels(block)?;
     ensure(block.declared_transmitting() == block.transmitting(), "the marks of transmitting nodes are wrong")?;
     let ascending = (1..block.parts()).all(|i| block.part(i - 1) < block.part(i));

@@ -100,6 +100,7 @@ impl OneTree {
             opaque_cells: false,
             stamp: 1,
             shown: None,
+            stop: &outcrop::structure::NEVER,
         }
     }
 }

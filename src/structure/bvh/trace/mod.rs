@@ -42,6 +42,7 @@ use crate::structure::hit::{self, Counters, Outcome, TriHit, Triangle};
 use crate::structure::place::{Place, Rooted};
 use crate::structure::walk::{self, Walk};
 use crate::structure::{packet, packet_prepare};
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
 /// One tree of a model in one snapshot. It is cheap to create; borrow it for as long as the job lasts.
 #[derive(Debug, Clone, Copy)]
@@ -71,6 +72,8 @@ pub struct TreeView<'a> {
     pub stamp: u32,
     /// Blocks that walks pass by, because all parts in and below them are hidden. Walks find [`NOTHING`] there.
     pub shown: Option<&'a ShownBlocks>,
+    /// Once it is set, every block counts as missing.
+    pub stop: &'a AtomicBool,
 }
 
 /// A block of nodes without children, as walks read it.
@@ -85,9 +88,13 @@ impl TreeView<'_> {
         self.root == Self::EMPTY
     }
 
-    /// Returns the words of a block if it is in memory, and stamps the block as used.
+    /// Returns the words of a block if it is in memory, and stamps the block as used. Every walk comes here when it
+    /// enters a block, so a walk that is stopped ends soon.
     #[inline(always)]
     fn visit(&self, block: u32) -> Option<&[u32]> {
+        if self.stop.load(Relaxed) {
+            return None;
+        }
         if self.passes_by(block) {
             return Some(&NOTHING);
         }

@@ -1,0 +1,70 @@
+//! Memory beside blocks and tables of models that counts against the budget: what scenes hold.
+
+use super::account::Charge;
+use super::admit::{Needs, grown};
+use super::core::{FOR_ROOM, Residency, Shared};
+use crate::base::error::{Error, Result};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// Most bytes of an object that do not count against the budget: a scene of some instances must fit the least budget of
+/// its models.
+const UNCOUNTED: u64 = 16 << 10;
+
+/// Bytes that are charged to the budget until this is dropped.
+#[derive(Default)]
+pub struct Kept {
+    charge: Charge,
+    of: Option<(Arc<Shared>, u64)>,
+}
+
+impl Residency {
+    /// Charges `bytes` of memory, evicting blocks if it must; up to [`UNCOUNTED`] bytes are not charged. If passes hold
+    /// the evicted blocks, waits until they have ended, [`FOR_ROOM`] at most. Fails with `OverBudget`, which says `what`
+    /// the memory is for.
+    pub fn keep(&self, what: &str, bytes: u64) -> Result<Kept> {
+        if bytes <= UNCOUNTED {
+            return Ok(Kept::default());
+        }
+        let (shared, have) = (Arc::clone(self.shared()), self.budget());
+        {
+            let mut state = shared.lock();
+            let need = state.least_with(&Needs { tables: bytes, ..Needs::default() });
+            if need > have {
+                return Err(Error::OverBudget { what: what.into(), need, have });
+            }
+            state.tables += bytes;
+        }
+        // From here on the drop of `kept` gives the memory back.
+        let mut kept = Kept { charge: Charge::default(), of: Some((Arc::clone(&shared), bytes)) };
+        let begun = Instant::now();
+        loop {
+            if shared.takes_room(0)
+                && let Some(charge) = shared.main.charge(bytes, 0)
+            {
+                kept.charge = charge;
+                return Ok(kept);
+            }
+            if begun.elapsed() >= FOR_ROOM {
+                let what = format!("{what} in addition to the data in use");
+                return Err(Error::OverBudget { what, need: grown(have, bytes), have });
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+}
+
+impl Drop for Kept {
+    fn drop(&mut self) {
+        if let Some((shared, bytes)) = self.of.take() {
+            self.charge = Charge::default();
+            {
+                let mut state = shared.lock();
+                state.tables -= bytes;
+                let _ = state.ranking.invalidate();
+            }
+            // Fetchers can use the room that is free again.
+            shared.wake();
+        }
+    }
+}
