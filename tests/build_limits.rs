@@ -130,6 +130,30 @@ fn limits_of_triangles_and_bytes_name_themselves() {
     assert_eq!((exact.triangles_in, exact.bytes), (triangles, report.bytes));
 }
 
+/// Twelve kilobytes that declare 300,000 triangles: all primitives use the same indices.
+#[test]
+fn triangles_that_a_small_file_repeats_count() {
+    let dir = tempfile::tempdir().expect("a folder");
+    let (path, out) = (dir.path().join("a.gltf"), dir.path().join("m.oc"));
+    let primitive = json!({ "attributes": { "POSITION": 0 }, "indices": 1 });
+    let gltf = json!({
+        "asset": { "version": "2.0" }, "nodes": [{ "mesh": 0 }],
+        "meshes": [{ "primitives": vec![primitive; 300] }],
+        "accessors": [
+            { "componentType": 5126, "count": 3, "type": "VEC3" },
+            { "bufferView": 0, "componentType": 5121, "count": 3000, "type": "SCALAR" },
+        ],
+        "bufferViews": [{ "buffer": 0, "byteLength": 3000 }],
+        "buffers": [{ "byteLength": 3000, "uri": format!("data:;base64,{}", "AAEC".repeat(1000)) }],
+    });
+    fs::write(&path, gltf.to_string()).expect("a file");
+    let error =
+        build(&path, &out, BuildOptions { max_triangles: 299_999, ..Default::default() }).expect_err("too many");
+    assert!(matches!(error, Error::OverLimit { most: 299_999, limit: "max_triangles", .. }), "{error}");
+    let report = build(&path, &out, BuildOptions { max_triangles: 300_000, ..Default::default() }).expect("enough");
+    assert_eq!((report.triangles_in, report.degenerate), (300_000, 300_000));
+}
+
 #[test]
 fn paths_are_trusted_by_an_option_alone() {
     let dir = models();

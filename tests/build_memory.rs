@@ -91,10 +91,12 @@ const LEAST: u64 = 32 << 20;
 
 /// Names and parts: an error that names the budget that suffices, in the memory that was allowed; with it a model.
 fn many_parts(folder: &Path) {
-    const PARTS: usize = 200_000;
-    let mut obj = String::from("v 0 0 0\nv 1 0 0\nv 0 1 0\n");
-    (0..PARTS).for_each(|i| obj += &format!("g part with a name of its own {i}\nf 1 2 3\n"));
-    let nodes: Vec<String> = (0..PARTS / 4).map(|i| format!("{{\"mesh\":0,\"name\":\"node {i}\"}}")).collect();
+    const PARTS: usize = 100_000;
+    let mut obj = String::from("v 0 0 0\nv 1 0 0\n");
+    (0..PARTS).for_each(|i| {
+        obj += &format!("g part with a name of its own {i}\nv {} {} {}\nf -1 -2 -3\n", i / 400, i % 400, i % 3);
+    });
+    let nodes: Vec<String> = (0..PARTS / 2).map(|i| format!("{{\"mesh\":0,\"name\":\"node {i}\"}}")).collect();
     let gltf = format!(
         "{{\"asset\":{{\"version\":\"2.0\"}},\"nodes\":[{}],\"meshes\":[{{\"primitives\":[{{\"attributes\":{{\"POSITION\":0}}}}]}}],\
          \"accessors\":[{{\"componentType\":5126,\"count\":3,\"type\":\"VEC3\"}}]}}",
@@ -109,11 +111,11 @@ fn many_parts(folder: &Path) {
             assert!(most <= budget + BESIDE, "{name}: {most} of {budget} bytes");
             match outcome {
                 Ok(report) => {
-                    assert!(report.parts as usize >= PARTS / 4);
+                    assert!(report.parts as usize >= PARTS / 2);
                     break;
                 }
                 Err(Error::OverBudget { need, have, what }) => {
-                    assert!(have == budget && need > budget && tries < 2, "{what}: {need} of {have}");
+                    assert!(have == budget && need > budget && tries < 3, "{what}: {need} of {have}");
                     assert!(what.contains(name) || what.contains("parts"), "{what}");
                     (budget, tries) = (need, tries + 1);
                 }
@@ -126,7 +128,7 @@ fn many_parts(folder: &Path) {
 
 /// A PNG is decoded in rows; a JPEG that does not fit is left out with a note.
 fn large_textures(folder: &Path) {
-    let picture = image::RgbImage::from_fn(6000, 6000, |x, y| image::Rgb([x as u8, y as u8, (x / 100) as u8]));
+    let picture = image::RgbImage::from_fn(4000, 4000, |x, y| image::Rgb([x as u8, y as u8, (x / 100) as u8]));
     let obj = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nusemtl m\nf 1/1 2/1 3/1\n";
     for (ending, notes) in [("png", 0), ("jpg", 1)] {
         let file = format!("a.{ending}");
@@ -137,7 +139,7 @@ fn large_textures(folder: &Path) {
         let report = report.unwrap();
         assert!(most <= LEAST + BESIDE, "{file}: {most} bytes");
         assert_eq!(report.notes.len(), notes, "{:?}", report.notes);
-        assert!(report.notes.iter().all(|note| note.contains("takes 108000000 bytes to decode")), "{:?}", report.notes);
+        assert!(report.notes.iter().all(|note| note.contains("takes 48000000 bytes to decode")), "{:?}", report.notes);
         let (_, report) = build_file(&folder.join("a.obj"), 0);
         assert!(report.unwrap().notes.is_empty());
     }

@@ -79,9 +79,11 @@ impl Claim {
         self.account.fits()
     }
 
-    /// Returns the error of a table that does not fit, of which only the share `done` is counted.
-    pub fn over(&self, done: f64, what: String) -> Error {
-        let rest = (self.bytes as f64 * (1.0 / done.clamp(1e-6, 1.0) - 1.0)) as u64;
+    /// Returns the error of a table that does not fit, of which only the share `done` is counted. Other tables of
+    /// `later` bytes follow from this share.
+    pub fn over(&self, done: f64, later: u64, what: String) -> Error {
+        let all = (self.bytes + later) as f64 / done.clamp(1e-6, 1.0);
+        let rest = (all as u64).saturating_sub(self.bytes);
         self.account.over(rest, what)
     }
 }
@@ -111,8 +113,10 @@ mod tests {
         assert_eq!(account.rest(), 32 << 20);
         assert!(!claim.grow(1 << 20));
         // Half of a table of 66 MiB is counted.
-        let Error::OverBudget { need, have, what } = claim.over(0.5, "names".into()) else { panic!("another error") };
-        assert_eq!((need, have, what.as_str()), (98 << 20, 64 << 20, "names"));
+        let Error::OverBudget { need, have, what } = claim.over(0.5, 1 << 20, "names".into()) else {
+            panic!("another error")
+        };
+        assert_eq!((need, have, what.as_str()), (100 << 20, 64 << 20, "names"));
         drop(claim);
         account.add(32 << 20);
         assert!(account.fits());

@@ -27,7 +27,7 @@ pub(crate) fn read(input: &mut Input, mut claim: Claim, cancel: &Cancel) -> Resu
     let is_glb = input.peek(4)? == b"glTF";
     let (json, binary) = if is_glb { chunks(input)? } else { ((0, input.total()), None) };
     let too_large = |claim: &Claim, input: &Input| {
-        claim.over(1.0, format!("reading the JSON of {} ({} bytes)", input.path().display(), json.1))
+        claim.over(1.0, 0, format!("reading the JSON of {} ({} bytes)", input.path().display(), json.1))
     };
     if !claim.grow(json.1) {
         return Err(too_large(&claim, input));

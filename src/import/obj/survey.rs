@@ -109,7 +109,7 @@ pub(crate) fn read(input: &mut Input, claim: Claim, sink: &mut dyn Sink) -> Resu
         if has_grown && !survey.fits() {
             let done = input.offset() as f64 / input.total().max(1) as f64;
             let what = format!("reading the names and groups of {}", input.path().display());
-            return Err(survey.claim.over(done, what));
+            return Err(survey.claim.over(done, survey.parts_bytes(), what));
         }
     }
     Ok(survey)
@@ -125,6 +125,11 @@ impl Survey {
             self.name_bytes += name.len() as u64;
         }
         Some(index)
+    }
+
+    /// Memory of the parts in the sink, about: one for each group and each material of a group, with their names.
+    fn parts_bytes(&self) -> u64 {
+        2 * self.name_bytes + 350 * (self.groups.items.len() + self.uses.items.len()) as u64
     }
 
     /// Counts the memory so far. Returns `false` if it does not fit.
