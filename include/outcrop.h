@@ -151,7 +151,7 @@ typedef struct oc_scene oc_scene;
  * - 1: the calling program
  * - 2: the file
  * - 3: the installation
- * - 4: the memory budget
+ * - 4: the memory budget, or another limit
  * - 5: the machine
  * - 6: the library itself
  */
@@ -300,6 +300,57 @@ typedef uint32_t oc_structure;
 /** Spatial splits: a triangle may be referenced by several leaves. This speeds up models with long thin triangles. */
 typedef uint32_t oc_splits;
 
+/** Answer of oc_resolve_fn. */
+typedef uint32_t oc_resolution;
+
+/** Frees the memory that an answer of oc_resolve_fn refers to. */
+typedef void (*oc_release_fn)(void *release_user);
+
+/** Receives the answer of oc_resolve_fn. All members but `struct_size` are 0 or NULL before the call. */
+typedef struct oc_resolved {
+    /** Size of this struct in bytes, set by the library. */
+    uint32_t struct_size;
+    /** One of the OC_RESOLUTION_ constants. */
+    oc_resolution kind;
+    /** OC_RESOLUTION_BYTES: the content of the file. It must stay as it is until `release` is called. */
+    const void *bytes;
+    /** Size of `bytes`. 0: `bytes` is ignored. */
+    uint64_t size;
+    /** OC_RESOLUTION_PATH: path of the file. */
+    const char *path;
+    /**
+     * Called once, by the thread of the job, when `bytes` and `path` are needed no more: at the latest when the job
+     * ends. Also called if the answer is invalid. Not called if the callback fails. NULL: nothing is to be freed.
+     */
+    oc_release_fn release;
+    /** Passed to `release`. */
+    void *release_user;
+} oc_resolved;
+
+/**
+ * Callback: resolves the name of a file that a mesh file or a material library refers to.
+ *
+ * - `user`: `resolve_user` of oc_build_desc.
+ * - `uri`: the URI of a glTF file as it is written, or the name in an OBJ file or material library without quotes and
+ *   comment. Valid during the call. URIs with data (`data:`) are not passed. A line of several words in an OBJ file is
+ *   passed as one name first; if that is refused or not found, each word is.
+ * - `file`: path of the file that names it, or the name of a library that came as OC_RESOLUTION_BYTES. Valid during
+ *   the call.
+ * - `out`: receives the answer.
+ *
+ * Returns OC_STATUS_OK, or a status that says why there is no answer. OC_STATUS_CANCELLED ends the job. Any other
+ * status counts as a file that cannot be read. If the geometry needs the file, the job fails with OC_STATUS_IO, and
+ * oc_last_error names the URI and the status; otherwise a note does. An invalid answer counts likewise, with
+ * OC_STATUS_INVALID_ARGUMENT, and a refusal with OC_STATUS_PARSE.
+ *
+ * The thread of the build job calls it, never while the library holds a lock. It must not unwind. It may be called
+ * several times for the same name.
+ */
+typedef oc_status (*oc_resolve_fn)(void *user,
+                                   const char *uri,
+                                   const char *file,
+                                   struct oc_resolved *out);
+
 /** Options of a build. All zeros: suitable for most models. */
 typedef struct oc_build_desc {
     /** Size of this struct in bytes; OC_INIT sets it. */
@@ -308,7 +359,10 @@ typedef struct oc_build_desc {
     oc_structure structure;
     /**
      * Limit in bytes of the memory that the build takes, at least 32 MiB. Data that does not fit goes to temporary
-     * files. Not included: vertices of OBJ files, colours of PLY vertices, buffers of glTF files. 0: no limit.
+     * files. Names, parts, instances and one texture may take 64 MiB more. If names, parts and instances do not fit,
+     * the job fails with OC_STATUS_OVER_BUDGET and names a budget that suffices for them; a texture that does not fit
+     * is left out with a note. Not included: vertices of OBJ files, colours of PLY vertices, buffers of glTF files. 0:
+     * no limit.
      */
     uint64_t memory_budget;
     /**
@@ -330,6 +384,35 @@ typedef struct oc_build_desc {
     uint32_t threads;
     /** Must be 0. */
     uint32_t reserved;
+    /** Resolves the names of files that mesh files refer to, or NULL. */
+    oc_resolve_fn resolve;
+    /** Passed to `resolve`. Must stay valid until the build is released and its job has ended. */
+    void *resolve_user;
+    /**
+     * A folder of files that mesh files may refer to, with all folders below it. NULL: none.
+     *
+     * By default a mesh file may refer only to files in its own folder and below it: names with `..`, absolute names
+     * and symbolic links that lead out of it are refused. If the geometry needs the file (a buffer of glTF), the job
+     * fails with OC_STATUS_PARSE; otherwise (material libraries, textures) the file is left out with a note.
+     */
+    const char *trusted_folder;
+    /**
+     * Greatest number of triangles in the input; those of a shared mesh count once. More: OC_STATUS_OVER_LIMIT. 0: no
+     * limit.
+     */
+    uint64_t max_triangles;
+    /**
+     * Greatest number of bytes that the model file and all temporary files take on the disk at any time. More:
+     * OC_STATUS_OVER_LIMIT. 0: no limit.
+     */
+    uint64_t max_bytes;
+    /**
+     * 1: mesh files may refer to any file that the process may read. Only for mesh files from a trusted source. 0: the
+     * rule of `trusted_folder`.
+     */
+    uint32_t trust_paths;
+    /** Must be 0. */
+    uint32_t reserved_2;
 } oc_build_desc;
 
 /** Material of a part. Colours are linear. All zeros: grey, opaque, matt. */
@@ -917,6 +1000,9 @@ typedef struct oc_pixels {
 /** The budget: the memory budget is too small. oc_last_error_need returns the least budget that suffices. */
 #define OC_STATUS_OVER_BUDGET 400
 
+/** The limit: a build exceeds a limit of oc_build_desc. oc_last_error names the limit and what exceeds it. */
+#define OC_STATUS_OVER_LIMIT 401
+
 /** The machine: reading or writing failed, or a thread could not be started. */
 #define OC_STATUS_IO 500
 
@@ -1038,6 +1124,18 @@ typedef struct oc_pixels {
 
 /** Parallel rays start on a plane through the eye. Nothing behind the plane is visible. */
 #define OC_CAMERA_ORTHOGRAPHIC 1
+
+/** The library looks for the file, by the rule of `trusted_folder` in oc_build_desc. */
+#define OC_RESOLUTION_DEFAULT 0
+
+/** The content of the file is at `bytes`. */
+#define OC_RESOLUTION_BYTES 1
+
+/** The file at `path` is read, wherever it is. */
+#define OC_RESOLUTION_PATH 2
+
+/** The file must not be read. */
+#define OC_RESOLUTION_REFUSED 3
 
 /** The library chooses. At present OC_STRUCTURE_BVH. */
 #define OC_STRUCTURE_DEFAULT 0
@@ -1467,7 +1565,8 @@ oc_status oc_build_add_file(struct oc_build *build,
  *
  * - `path`: path of the model file: a regular file that may be written, or no file yet. The file appears under this
  *   name when the job is done; until then an existing file stays. A job that fails or is cancelled leaves no temporary
- *   file. If `path` is a symbolic link, the file that it names is replaced, and the link stays.
+ *   file. The new file has the permissions, the group and the owner of the existing one, as far as the process may set
+ *   them. If `path` is a symbolic link, the file that it names is replaced, and the link stays.
  * - `out_job`: receives the job. oc_job_build_report returns its statistics.
  *
  * After this call nothing can be added to the build, even if the thread cannot be started.
@@ -1478,6 +1577,8 @@ oc_status oc_build_add_file(struct oc_build *build,
  * Errors:
  * - OC_STATUS_INVALID_STATE: the build was started before.
  * - OC_STATUS_INVALID_ARGUMENT: `path` is one of the input files of the build, by any name or link. Nothing changed.
+ *   If it is a file that an input refers to (a material library, a buffer, a texture), the job fails so, and the file
+ *   stays as it is.
  * - OC_STATUS_IO: `path` is a folder, a device, a pipe, a socket, a read-only file, or a link that leads to no file
  *   (nothing changed); or the thread cannot be started.
  *

@@ -203,6 +203,12 @@ fn panics_come_back_as_statuses() {
 }
 
 #[test]
+fn a_host_resolves_names_and_limits_builds() {
+    let dir = temp();
+    run_program(&program(dir.path(), "resolve.c", &[]), dir.path());
+}
+
+#[test]
 fn misuse_comes_back_as_statuses() {
     let dir = temp();
     let sanitized = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"];

@@ -9,6 +9,7 @@ const SOURCES: &[&str] = &[
     "job.rs",
     "context.rs",
     "view.rs",
+    "resolve.rs",
     "build.rs",
     "contents.rs",
     "triangles.rs",

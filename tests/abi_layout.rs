@@ -11,6 +11,7 @@ use outcrop::capi::overlap::{oc_overlap, oc_plane};
 use outcrop::capi::pixels::{oc_pixels, oc_target};
 use outcrop::capi::query::{oc_hit, oc_query, oc_ray};
 use outcrop::capi::report::oc_build_report;
+use outcrop::capi::resolve::oc_resolved;
 use outcrop::capi::scene::{oc_background, oc_light};
 use outcrop::capi::triangles::oc_triangles;
 use outcrop::capi::view::oc_camera;
@@ -41,7 +42,11 @@ fn layouts() -> Vec<Layout> {
         oc_executor { struct_size, concurrency, user, submit }
         oc_context_desc { struct_size, threads, memory_budget, executor, log, log_user, instruction_set, flags }
         oc_camera { struct_size, kind, eye, at, up, fov_y, height }
-        oc_build_desc { struct_size, structure, memory_budget, temp_dir, metres_per_unit, up, splits, threads, reserved }
+        oc_resolved { struct_size, kind, bytes, size, path, release, release_user }
+        oc_build_desc {
+            struct_size, structure, memory_budget, temp_dir, metres_per_unit, up, splits, threads, reserved, resolve,
+            resolve_user, trusted_folder, max_triangles, max_bytes, trust_paths, reserved_2,
+        }
         oc_material { struct_size, colour, opacity, metalness, roughness, reserved }
         oc_part { struct_size, material, id, parent, name, has_parent, reserved }
         oc_triangles {

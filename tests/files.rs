@@ -2,6 +2,7 @@
 
 mod background;
 mod bad_input;
+mod build_limits;
 mod common;
 mod contact_sheet;
 mod failing_builds;

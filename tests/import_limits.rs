@@ -69,6 +69,7 @@ struct Counter {
     meshes: u32,
     cancel: Cancel,
     cancel_at_once: bool,
+    cancel_at_part: bool,
     fail_at_once: bool,
 }
 
@@ -80,6 +81,9 @@ impl Sink for Counter {
     }
     fn part(&mut self, _: PartDesc) -> Result<PartKey> {
         self.parts += 1;
+        if self.cancel_at_part {
+            self.cancel.cancel();
+        }
         Ok(self.parts - 1)
     }
     fn shared_mesh(&mut self, _: u32) -> Result<MeshKey> {
@@ -207,6 +211,28 @@ fn cancel_is_heard_within_a_batch() {
         sink.cancel.cancel();
         assert!(matches!(read(&path, &mut sink), Err(Error::Cancelled)), "{name}");
         assert_eq!(sink.triangles, 0, "{name}");
+    }
+}
+
+/// Files of many parts: no more than one, and those that hang below it, come after a cancel.
+#[test]
+fn cancel_is_heard_between_parts() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let groups: String = (0..5000).map(|i| format!("g {i}\nf 1 2 3\n")).collect();
+    let nodes: Vec<String> = (0..5000).map(|_| "{\"mesh\":0}".into()).collect();
+    let gltf = format!(
+        "{{\"asset\":{{\"version\":\"2.0\"}},\"nodes\":[{}],\"meshes\":[{{\"primitives\":[]}}]}}",
+        nodes.join(",")
+    );
+    for (name, text) in [("a.obj", format!("v 0 0 0\nv 1 0 0\nv 0 1 0\n{groups}")), ("a.gltf", gltf)] {
+        let path = folder.path().join(name);
+        std::fs::write(&path, text).expect("a file");
+        let mut all = Counter::default();
+        read(&path, &mut all).expect(name);
+        assert_eq!(all.parts, 5000, "{name}");
+        let mut sink = Counter { cancel_at_part: true, ..Counter::default() };
+        assert!(matches!(read(&path, &mut sink), Err(Error::Cancelled)), "{name}");
+        assert!(sink.parts <= 2, "{name}: {} parts after the cancel", sink.parts);
     }
 }
 

@@ -307,7 +307,7 @@ fn vertices_that_do_not_fit_are_read_from_a_temporary() {
     let bulb = GenerateOptions { triangles: 60_000, seed: 0 };
     generate_file("mandelbulb", &bulb, &Cancel::new(), &path, &mut |_| ()).unwrap();
     let read = |memory| {
-        let options = ReadOptions { temp_dir: Some(folder.path().into()), memory };
+        let options = ReadOptions { temp_dir: Some(folder.path().into()), memory, ..Default::default() };
         let mut all = Collector::new();
         read_file(&path, &options, &mut all).unwrap();
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
@@ -315,6 +315,6 @@ fn vertices_that_do_not_fit_are_read_from_a_temporary() {
     };
     let (kept, spilled) = (read(0), read(100_000));
     assert!(kept.received > 50_000 && kept.direct() == spilled.direct());
-    let nowhere = ReadOptions { temp_dir: Some(folder.path().join("nowhere")), memory: 100_000 };
+    let nowhere = ReadOptions { temp_dir: Some(folder.path().join("nowhere")), memory: 100_000, ..Default::default() };
     assert!(matches!(read_file(&path, &nowhere, &mut Collector::new()), Err(Error::Io { .. })));
 }

@@ -64,6 +64,15 @@ pub enum Error {
         /// The present budget, in bytes.
         have: u64,
     },
+    /// The work exceeds a limit that the caller set for it.
+    OverLimit {
+        /// The counted objects.
+        what: &'static str,
+        /// The greatest number that the limit allows.
+        most: u64,
+        /// The name of the limit.
+        limit: &'static str,
+    },
     /// For the machine: it cannot provide memory of this size.
     NoMemory {
         /// The object that needs the memory.
@@ -125,6 +134,7 @@ impl Clone for Error {
             Error::OverBudget { what, need, have } => {
                 Error::OverBudget { what: what.clone(), need: *need, have: *have }
             }
+            Error::OverLimit { what, most, limit } => Error::OverLimit { what, most: *most, limit },
             Error::NoMemory { what, bytes } => Error::NoMemory { what: what.clone(), bytes: *bytes },
             Error::Cancelled => Error::Cancelled,
             Error::Io { path, doing, source } => Error::Io { path: path.clone(), doing, source: again(source) },
@@ -166,6 +176,7 @@ impl fmt::Display for Error {
             Error::OverBudget { what, need, have } => {
                 write!(f, "{what} needs a memory budget of at least {need} bytes, but the budget is {have} bytes")
             }
+            Error::OverLimit { what, most, limit } => write!(f, "{what}: more than {most}, the limit {limit}"),
             Error::NoMemory { what, bytes } => write!(f, "{what}: the system cannot provide {bytes} bytes of memory"),
             Error::Cancelled => write!(f, "cancelled"),
             Error::Io { path, doing, source } => {

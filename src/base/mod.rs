@@ -1,14 +1,17 @@
 //! Foundations for all other rooms: errors, ids, progress and cancellation, workers, the handle of a job. Uses nothing.
 
+pub mod account;
 pub mod bytes;
 pub mod error;
 pub mod faults;
 pub(crate) mod handle;
 pub mod ids;
+pub mod inputs;
 pub mod inside_read;
 pub mod memory;
 pub mod output;
 pub mod progress;
+pub mod quota;
 mod round;
 #[cfg(test)]
 mod round_tests;

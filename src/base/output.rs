@@ -3,10 +3,12 @@
 //!
 //! A target is a regular file or does not exist. A symbolic link is followed: the file that it names is replaced, and
 //! the link stays. Devices, pipes, sockets, folders, links of `/proc` (`/dev/stdout`), and files that are read-only or
-//! that are inputs of the same work are refused.
+//! that are inputs of the same work are refused. A file that replaces another has its owner, group and permissions.
 
 use super::error::{Error, Result};
 use super::faults;
+use super::inputs::{self, Identity, Inputs};
+use super::quota::Quota;
 use super::scratch::{Scratch, ScratchSpace};
 use std::fs::{self, File, Metadata, OpenOptions, TryLockError};
 use std::io::{self, Seek, SeekFrom, Write};
@@ -34,29 +36,7 @@ pub fn check(target: &Path, inputs: &[impl AsRef<Path>]) -> Result<()> {
     let Ok(old) = Identity::of(&file) else { return Ok(()) };
     match inputs.iter().find(|input| Identity::of(input.as_ref()).is_ok_and(|input| input == old)) {
         None => Ok(()),
-        Some(input) => Err(input_of(target, input.as_ref())),
-    }
-}
-
-fn input_of(target: &Path, input: &Path) -> Error {
-    let (target, input) = (target.display(), input.display());
-    Error::bad_argument(format!("the output {target} is the same file as the input {input}, which it would overwrite"))
-}
-
-/// Identity of an existing file: equal for all names and links of one file.
-#[derive(Debug, Clone, PartialEq, Eq)]
-struct Identity(#[cfg(unix)] (u64, u64), #[cfg(not(unix))] PathBuf);
-
-impl Identity {
-    #[cfg(unix)]
-    fn of(path: &Path) -> io::Result<Self> {
-        use std::os::unix::fs::MetadataExt;
-        fs::metadata(path).map(|meta| Self((meta.dev(), meta.ino())))
-    }
-
-    #[cfg(not(unix))]
-    fn of(path: &Path) -> io::Result<Self> {
-        fs::canonicalize(path).map(Self)
+        Some(input) => Err(inputs::same_file(target, input.as_ref())),
     }
 }
 
@@ -69,8 +49,16 @@ pub struct OutputFile {
     file: File,
     /// Its present path; `None` once published.
     path: Option<PathBuf>,
+    /// The target as the caller calls it, and the file that it means.
+    named: PathBuf,
     target: PathBuf,
     folder: PathBuf,
+    /// The file that it will replace, as it was at the beginning.
+    old: Option<Metadata>,
+    inputs: Inputs,
+    quota: Quota,
+    /// Number of bytes that the quota counts.
+    bytes: u64,
 }
 
 /// Makes names unique in this process.
@@ -78,26 +66,39 @@ static COUNTER: AtomicU32 = AtomicU32::new(0);
 const SUFFIX: &str = ".tmp";
 
 impl OutputFile {
-    /// Begins a file that will replace `target`, which is unchanged until then. Fails with [`Error::Io`] if the folder
-    /// is missing or cannot be written, or if `target` exists and must not be replaced.
-    pub fn create(target: &Path) -> Result<Self> {
-        let fail = |e| Error::io(target, "create", e);
-        let target_file = resolve(target).map_err(fail)?;
+    /// Begins a file that will replace the target `named`, which is unchanged until then. Fails with [`Error::Io`] if
+    /// the folder is missing or cannot be written, or if the target exists and must not be replaced.
+    pub fn create(named: &Path) -> Result<Self> {
+        let fail = |e| Error::io(named, "create", e);
+        let target_file = resolve(named).map_err(fail)?;
         let folder = folder_of(&target_file).to_path_buf();
         let prefix = prefix(&target_file).map_err(fail)?;
+        let old = fs::symlink_metadata(&target_file).ok();
         remove_stale(&folder, &prefix);
         loop {
             let unique = format!("{prefix}{}-{}{SUFFIX}", process::id(), COUNTER.fetch_add(1, Relaxed));
             let path = folder.join(unique);
-            let file = match OpenOptions::new().write(true).create_new(true).open(&path) {
+            let file = match new_file(old.is_some()).open(&path) {
                 Err(e) if e.kind() == io::ErrorKind::AlreadyExists => continue,
                 opened => opened.map_err(fail)?,
             };
-            let temporary = Self { file, path: Some(path), target: target_file.clone(), folder: folder.clone() };
+            let (target, folder, old) = (target_file.clone(), folder.clone(), old.clone());
+            let (inputs, quota) = (Inputs::default(), Quota::default());
+            let (path, named) = (Some(path), named.to_path_buf());
+            let temporary = Self { file, path, named, target, folder, old, inputs, quota, bytes: 0 };
             if temporary.lock() {
                 return Ok(temporary);
             }
         }
+    }
+
+    /// Makes sure that the file replaces none of `inputs`, to which others may still be added, and counts its bytes.
+    /// Fails with [`Error::BadArgument`] if the target is one of the inputs already; otherwise [`Medium::publish`] may
+    /// fail so.
+    pub fn guarded(mut self, inputs: &Inputs, quota: &Quota) -> Result<Self> {
+        inputs.check(&self.target, &self.named)?;
+        (self.inputs, self.quota) = (inputs.clone(), quota.clone());
+        Ok(self)
     }
 
     /// Locks the file. Returns `false` if another build took it for a stale one between its creation and the lock.
@@ -113,6 +114,8 @@ impl OutputFile {
 
 impl Medium for OutputFile {
     fn append(&mut self, bytes: &[u8]) -> Result<()> {
+        self.quota.take(bytes.len() as u64)?;
+        self.bytes += bytes.len() as u64;
         faults::writing().and_then(|()| self.file.write_all(bytes)).map_err(|e| Error::io(&self.target, "write", e))
     }
     fn overwrite_start(&mut self, bytes: &[u8]) -> Result<()> {
@@ -122,6 +125,11 @@ impl Medium for OutputFile {
     }
     fn publish(&mut self) -> Result<()> {
         let Some(path) = &self.path else { return Ok(()) };
+        self.inputs.check(&self.target, &self.named)?;
+        let old = fs::symlink_metadata(&self.target).ok().or(self.old.take());
+        if let Some(old) = old {
+            inherit(&self.file, &old).map_err(|e| Error::io(&self.target, "setting the permissions", e))?;
+        }
         faults::writing().and_then(|()| self.file.sync_all()).map_err(|e| Error::io(&self.target, "sync", e))?;
         fs::rename(path, &self.target).map_err(|e| Error::io(&self.target, "rename", e))?;
         self.path = None;
@@ -131,6 +139,7 @@ impl Medium for OutputFile {
 
 impl Drop for OutputFile {
     fn drop(&mut self) {
+        self.quota.give(self.bytes);
         if let Some(path) = self.path.take() {
             // An error cannot be returned here. The next build to this target tries again.
             let _ = fs::remove_file(path);
@@ -209,6 +218,51 @@ fn objection(meta: &Metadata) -> Option<&'static str> {
         _ if meta.permissions().readonly() => Some("the file is read-only"),
         _ => None,
     }
+}
+
+/// Returns the options that create a file. If it will replace one, only its owner may read it until then.
+fn new_file(replaces: bool) -> OpenOptions {
+    let mut options = OpenOptions::new();
+    options.write(true).create_new(true);
+    #[cfg(unix)]
+    if replaces {
+        std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
+    }
+    #[cfg(not(unix))]
+    let _ = replaces;
+    options
+}
+
+/// Gives `file` the group, permissions and owner of `old`, as far as the process may.
+#[cfg(unix)]
+fn inherit(file: &File, old: &Metadata) -> io::Result<()> {
+    use std::os::unix::fs::{MetadataExt, PermissionsExt, fchown};
+    let has_group = file.metadata()?.gid() == old.gid() || fchown(file, None, Some(old.gid())).is_ok();
+    let wanted = permissions(old.mode(), has_group);
+    let now = file.metadata()?.mode() & 0o777;
+    if now != wanted {
+        let set = file.set_permissions(fs::Permissions::from_mode(wanted));
+        // Some file systems have one fixed mode for all files.
+        set.or_else(|e| if now & !wanted == 0 { Ok(()) } else { Err(e) })?;
+    }
+    // Last, because the process may change nothing of a file that it has given away. Mostly it may not give it away.
+    if file.metadata()?.uid() != old.uid() {
+        let _ = fchown(file, Some(old.uid()), None);
+    }
+    Ok(())
+}
+
+/// Returns the permissions of a file that replaces one of this mode. If it could not keep the group, the new group and
+/// all others have only permissions that the old group and all others had.
+#[cfg(unix)]
+fn permissions(mode: u32, has_group: bool) -> u32 {
+    let common = mode & (mode >> 3) & 0o7;
+    if has_group { mode & 0o777 } else { mode & 0o700 | common << 3 | common }
+}
+
+#[cfg(not(unix))]
+fn inherit(_: &File, _: &Metadata) -> io::Result<()> {
+    Ok(())
 }
 
 /// Returns the folder that contains `file`.

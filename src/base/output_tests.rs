@@ -144,3 +144,61 @@ fn a_stream_gets_its_start_and_the_rest() {
     drop(stream);
     assert_eq!(out, b"1234 and the rest");
 }
+
+#[cfg(unix)]
+#[test]
+fn a_file_that_is_replaced_keeps_its_permissions_group_and_owner() {
+    use std::os::unix::fs::{MetadataExt, PermissionsExt, chown};
+    let dir = tempfile::tempdir().unwrap();
+    let (target, fresh, link) = (dir.path().join("a"), dir.path().join("fresh"), dir.path().join("link"));
+    fs::write(&fresh, "").unwrap();
+    let fresh = fs::metadata(fresh).unwrap();
+    std::os::unix::fs::symlink("a", &link).unwrap();
+    let publish = |at: &Path| {
+        let mut t = OutputFile::create(at).unwrap();
+        t.append(b"new").unwrap();
+        let before = t.file.metadata().unwrap().mode();
+        t.publish().unwrap();
+        (before & 0o777, fs::metadata(&target).unwrap())
+    };
+    let (_, made) = publish(&target);
+    assert_eq!((made.mode(), made.uid(), made.gid()), (fresh.mode(), fresh.uid(), fresh.gid()));
+    for mode in [0o600, 0o640, 0o604, 0o660, 0o777, 0o200, 0o4755] {
+        for at in [&target, &link] {
+            fs::set_permissions(&target, fs::Permissions::from_mode(mode)).unwrap();
+            let (while_written, made) = publish(at);
+            assert_eq!((while_written, made.mode() & 0o7777), (0o600, mode & 0o777), "{mode:o}");
+        }
+    }
+    // Only a privileged process can give files away.
+    fs::set_permissions(&target, fs::Permissions::from_mode(0o640)).unwrap();
+    if chown(&target, Some(12345), Some(54321)).is_ok() {
+        let (_, made) = publish(&target);
+        assert_eq!((made.mode() & 0o777, made.uid(), made.gid()), (0o640, 12345, 54321));
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn permissions_never_grow_where_the_group_is_lost() {
+    for (mode, expected) in [(0o640, 0o600), (0o644, 0o644), (0o604, 0o600), (0o666, 0o666), (0o751, 0o711)] {
+        assert_eq!((permissions(mode, true), permissions(mode, false)), (mode, expected), "{mode:o}");
+    }
+}
+
+#[test]
+fn an_output_is_none_of_the_files_that_were_read() {
+    let dir = tempfile::tempdir().unwrap();
+    let (target, inputs, quota) = (dir.path().join("a"), Inputs::default(), Quota::new(5));
+    fs::write(&target, "old").unwrap();
+    let mut t = OutputFile::create(&target).unwrap().guarded(&inputs, &quota).unwrap();
+    t.append(b"new").unwrap();
+    assert!(matches!(t.append(b"news"), Err(Error::OverLimit { most: 5, limit: "max_bytes", .. })));
+    // It is read only now.
+    inputs.add(&target, Identity::of(&target).unwrap());
+    assert!(matches!(t.publish(), Err(Error::BadArgument(why)) if why.contains("same file as the input")));
+    drop(t);
+    assert!(OutputFile::create(&target).unwrap().guarded(&inputs, &quota).is_err());
+    assert_eq!((fs::read(&target).unwrap(), names(dir.path())), (b"old".to_vec(), vec!["a".to_owned()]));
+    quota.take(5).unwrap();
+}

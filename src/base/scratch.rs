@@ -3,6 +3,7 @@
 
 use super::error::{Error, Result};
 use super::faults;
+use super::quota::Quota;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -14,6 +15,7 @@ use std::sync::{Arc, Mutex};
 #[derive(Debug)]
 pub struct ScratchSpace {
     folder: PathBuf,
+    quota: Quota,
     now: AtomicU64,
     peak: AtomicU64,
 }
@@ -21,8 +23,13 @@ pub struct ScratchSpace {
 impl ScratchSpace {
     /// Uses `folder`, or the system's folder for temporary files. Writes nothing yet.
     pub fn new(folder: Option<&Path>) -> Arc<Self> {
+        Self::limited(folder, Quota::default())
+    }
+
+    /// As [`ScratchSpace::new`], with a limit. Writing beyond it fails with [`Error::OverLimit`].
+    pub fn limited(folder: Option<&Path>, quota: Quota) -> Arc<Self> {
         let folder = folder.map_or_else(std::env::temp_dir, Path::to_path_buf);
-        Arc::new(Self { folder, now: AtomicU64::new(0), peak: AtomicU64::new(0) })
+        Arc::new(Self { folder, quota, now: AtomicU64::new(0), peak: AtomicU64::new(0) })
     }
 
     /// Greatest number of bytes that its files took together at any time.
@@ -62,7 +69,9 @@ impl Scratch {
     pub fn append(&self, bytes: &[u8]) -> Result<u64> {
         let fail = |e| Error::io(&self.space.folder, "writing a temporary file", e);
         let mut len = self.len.lock().unwrap_or_else(|e| e.into_inner());
-        faults::writing().and_then(|()| self.write(bytes)).map_err(fail)?;
+        self.space.quota.take(bytes.len() as u64)?;
+        let written = faults::writing().and_then(|()| self.write(bytes));
+        written.inspect_err(|_| self.space.quota.give(bytes.len() as u64)).map_err(fail)?;
         let at = *len;
         *len += bytes.len() as u64;
         self.space.grew(bytes.len() as u64);
@@ -114,6 +123,7 @@ impl Scratch {
 impl Drop for Scratch {
     fn drop(&mut self) {
         self.space.now.fetch_sub(self.len(), Relaxed);
+        self.space.quota.give(self.len());
     }
 }
 
@@ -126,6 +136,9 @@ fn nameless(folder: &Path) -> io::Result<File> {
         let path = folder.join(name);
         let mut options = OpenOptions::new();
         options.read(true).write(true).create_new(true);
+        // Others must not open it before its name is gone.
+        #[cfg(unix)]
+        std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
         #[cfg(windows)]
         {
             const FILE_FLAG_DELETE_ON_CLOSE: u32 = 0x0400_0000;
@@ -163,6 +176,23 @@ mod tests {
         drop(b);
         a.append(b"!").unwrap();
         assert_eq!((space.peak(), a.len()), (11, 7));
+    }
+
+    #[test]
+    fn files_count_in_the_quota_and_belong_to_their_owner_alone() {
+        let dir = tempfile::tempdir().unwrap();
+        let space = ScratchSpace::limited(Some(dir.path()), Quota::new(8));
+        let (a, b) = (space.file().unwrap(), space.file().unwrap());
+        a.append(b"four").unwrap();
+        assert!(matches!(b.append(b"fives"), Err(Error::OverLimit { most: 8, limit: "max_bytes", .. })));
+        b.append(b"four").unwrap();
+        drop(a);
+        b.append(b"4444").unwrap();
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::MetadataExt;
+            assert_eq!(b.file.metadata().unwrap().mode() & 0o777, 0o600);
+        }
     }
 
     #[test]

@@ -6,14 +6,17 @@ use super::seal::{self, Asked, Gathered};
 use super::shares::Shares;
 use super::spool::Spool;
 use super::{BuildOptions, Splits};
+use crate::base::account::Account;
 use crate::base::error::{Error, Result};
+use crate::base::inputs::Inputs;
 use crate::base::memory;
 use crate::base::progress::{Cancel, Phase, Progress};
+use crate::base::quota::Quota;
 use crate::base::scratch::{Scratch, ScratchSpace};
 use crate::base::threads;
 use crate::import::{self, MaterialDesc, MaterialKey, MeshKey, PartDesc, PartKey, ReadOptions, Sink, UpAxis};
 use crate::math::srgb;
-use crate::store::{InstanceRow, MaterialRow, PartRow, sections};
+use crate::store::{InstanceRow, MaterialRow, PartRow, TreeRow, sections};
 use crate::structure::Par;
 use glam::{DAffine3, DVec3};
 use std::path::Path;
@@ -36,6 +39,12 @@ pub struct Builder {
     begun: Instant,
     shares: Shares,
     space: Arc<ScratchSpace>,
+    /// Memory of parts, names, materials and instances.
+    account: Account,
+    declared: Declared,
+    /// The files that were read.
+    inputs: Inputs,
+    quota: Quota,
     meshes: Vec<Spool>,
     /// Scratch file of the meshes that did not fit memory.
     spilled: Option<Scratch>,
@@ -61,10 +70,15 @@ impl Builder {
         threads::check(options.threads, "threads")?;
         let default = MaterialDesc::default();
         let shares = Shares::of(options.memory_budget)?;
-        let space = ScratchSpace::new(options.temp_dir.as_deref());
+        let quota = Quota::new(options.max_bytes);
+        let space = ScratchSpace::limited(options.temp_dir.as_deref(), quota.clone());
         Ok(Self {
             shares,
             space,
+            account: Account::new(options.memory_budget),
+            declared: Declared { materials: 1, meshes: 1, ..Declared::default() },
+            inputs: Inputs::default(),
+            quota,
             options,
             progress,
             cancel,
@@ -90,7 +104,15 @@ impl Builder {
     /// [`import::read_file`].
     pub fn add_files(&mut self, paths: &[impl AsRef<Path>]) -> Result<()> {
         self.progress.enter(Phase::Read);
-        let options = ReadOptions { temp_dir: self.options.temp_dir.clone(), memory: self.shares.reader };
+        let options = ReadOptions {
+            temp_dir: self.options.temp_dir.clone(),
+            memory: self.shares.reader,
+            textures: self.shares.textures,
+            access: self.options.access.clone(),
+            inputs: self.inputs.clone(),
+            quota: self.quota.clone(),
+            account: self.account.clone(),
+        };
         import::read_files(paths, &options, self)
     }
 
@@ -101,14 +123,17 @@ impl Builder {
 
     /// Builds the trees and writes the file. On any error `out` is unchanged, and no scratch file is left.
     ///
-    /// Fails with `Cancelled`, `Io`, `NoMemory`, or `BadArgument` if parts and instances contradict each other.
+    /// Fails with `Cancelled`, `Io`, `NoMemory`, `OverLimit`, or `BadArgument` if parts and instances contradict each
+    /// other or if `out` is a file that was read.
     pub fn finish(mut self, out: &Path) -> Result<BuildReport> {
         let read = self.begun.elapsed().as_secs_f64();
         self.cancel.check()?;
+        self.check_tables()?;
         self.leave_out_unplaced();
         let largest = self.meshes.iter().map(|mesh| mesh.triangles).max().unwrap_or(0);
         see_room(largest, self.in_memory, self.options.memory_budget)?;
-        let Self { options, progress, cancel, notes, meshes, spilled, assembly, shares, space, .. } = self;
+        let shares = self.present_shares()?;
+        let Self { options, progress, cancel, notes, meshes, spilled, assembly, space, inputs, quota, .. } = self;
         let gathered = Gathered {
             meshes,
             spilled,
@@ -121,13 +146,42 @@ impl Builder {
         let (options, progress, cancel) = (&options, &progress, &cancel);
         // Pushed triangles took no part of the progress, which then is that of the other passes.
         let done = if progress.fraction() > 0.0 { READ_SHARE } else { 0.0 };
-        let asked = Asked { options, shares, space, out, progress, cancel, done };
+        let asked = Asked { options, shares, space, out, inputs, quota, progress, cancel, done };
         let mut report = in_pool(options.threads, |threads| seal::run(gathered, &asked, threads))?;
         progress.advance(1.0);
         progress.enter(Phase::Done);
         report.notes.splice(0..0, notes);
         report.seconds = PhaseSeconds { read, ..report.seconds };
         Ok(report)
+    }
+
+    /// Counts the memory of a row of a table. Returns `false` if it does not fit. Then all tables are dropped, and the
+    /// rest of the input is only counted, so that the error can name the memory that it needs.
+    fn has_room(&mut self, bytes: u64) -> bool {
+        self.account.add(bytes);
+        if !self.declared.do_not_fit && !self.account.fits() {
+            self.declared.do_not_fit = true;
+            self.assembly = Assembly { materials: self.assembly.materials[..1].to_vec(), ..Assembly::default() };
+            (self.meshes, self.in_memory) = (vec![Spool::new(0)], 0);
+        }
+        !self.declared.do_not_fit
+    }
+
+    /// Fails with `OverBudget` if the tables did not fit.
+    fn check_tables(&self) -> Result<()> {
+        let Declared { parts, materials, meshes, instances, do_not_fit } = self.declared;
+        if !do_not_fit {
+            return Ok(());
+        }
+        let what = format!(
+            "a model with {parts} parts, {materials} materials, {meshes} meshes and {instances} instances of them"
+        );
+        Err(self.account.over(0, what))
+    }
+
+    /// The shares of the memory that the tables leave.
+    fn present_shares(&self) -> Result<Shares> {
+        Shares::of(self.account.rest())
     }
 
     /// Drops shared meshes without instances, which can never be visible, and adds a note about them.
@@ -149,7 +203,7 @@ impl Builder {
 
     /// Moves all triangles to a scratch file once they exceed their share of memory.
     fn spill(&mut self) -> Result<()> {
-        if self.in_memory <= self.shares.spool {
+        if self.in_memory <= self.shares.spool && self.in_memory <= self.present_shares()?.spool {
             return Ok(());
         }
         let Self { options, cancel, meshes, spilled, space, .. } = self;
@@ -167,6 +221,31 @@ impl Builder {
         })?;
         self.in_memory = 0;
         Ok(())
+    }
+}
+
+/// Numbers of the objects that were declared.
+#[derive(Debug, Clone, Copy, Default)]
+struct Declared {
+    parts: u32,
+    materials: u32,
+    meshes: u32,
+    instances: u64,
+    /// True if their tables do not fit the memory budget. Then they are only counted.
+    do_not_fit: bool,
+}
+
+/// Number of bytes of a part without its name: its row, that row encoded, its counts while a tree is built, and what
+/// the allocator adds.
+const PART_BYTES: u64 = (size_of::<PartRow>() * 9 / 8 + 80 + 96) as u64;
+
+/// Number of bytes of a shared mesh without triangles: the spool, and the row of its tree.
+const MESH_BYTES: u64 = (size_of::<Spool>() + 3 * size_of::<TreeRow>()) as u64;
+
+/// Makes room for another row. A large table grows by an eighth, so that little of its memory is unused.
+fn reserve(rows: &mut Vec<PartRow>) {
+    if rows.len() == rows.capacity() {
+        rows.reserve_exact((rows.len() / 8).max(64));
     }
 }
 
@@ -208,17 +287,24 @@ impl Sink for Builder {
     }
 
     fn material(&mut self, material: MaterialDesc) -> Result<MaterialKey> {
-        self.assembly.materials.push(row_of(material));
-        Ok(self.assembly.materials.len() as u32 - 1)
+        let index = self.declared.materials;
+        if index == u32::MAX {
+            return Err(Error::bad_argument("material: there are too many materials"));
+        }
+        self.declared.materials += 1;
+        if self.has_room(2 * size_of::<MaterialRow>() as u64) {
+            self.assembly.materials.push(row_of(material));
+        }
+        Ok(index)
     }
 
     fn part(&mut self, part: PartDesc) -> Result<PartKey> {
-        let index = self.assembly.parts.len() as u32;
+        let index = self.declared.parts;
         if part.parent.is_some_and(|p| p >= index) {
             return Err(Error::bad_argument("part: the parent does not exist yet"));
         }
         let material = part.material.unwrap_or(0);
-        if material as usize >= self.assembly.materials.len() {
+        if material >= self.declared.materials {
             return Err(Error::bad_argument("part: the material does not exist"));
         }
         if index >= u32::MAX - 1 {
@@ -226,7 +312,12 @@ impl Sink for Builder {
         }
         let id = part.id.unwrap_or(u64::from(index));
         let bounds = sections::EMPTY_BOUNDS;
-        self.assembly.parts.push(PartRow { id, name: part.name, parent: part.parent, material, bounds, triangles: 0 });
+        self.declared.parts += 1;
+        if self.has_room(PART_BYTES + 2 * part.name.len() as u64) {
+            let (name, parent) = (part.name, part.parent);
+            reserve(&mut self.assembly.parts);
+            self.assembly.parts.push(PartRow { id, name, parent, material, bounds, triangles: 0 });
+        }
         Ok(index)
     }
 
@@ -234,8 +325,15 @@ impl Sink for Builder {
         if local_parts == 0 || local_parts == u32::MAX {
             return Err(Error::bad_argument("shared mesh: the number of parts must be from 1 to 2^32 - 2"));
         }
-        self.meshes.push(Spool::new(local_parts));
-        Ok(MeshKey(self.meshes.len() as u32 - 1))
+        let index = self.declared.meshes;
+        if index == u32::MAX {
+            return Err(Error::bad_argument("shared mesh: there are too many meshes"));
+        }
+        self.declared.meshes += 1;
+        if self.has_room(MESH_BYTES) {
+            self.meshes.push(Spool::new(local_parts));
+        }
+        Ok(MeshKey(index))
     }
 
     fn triangles(
@@ -245,7 +343,11 @@ impl Sink for Builder {
         positions: &[[DVec3; 3]],
         colours: Option<&[[f32; 3]]>,
     ) -> Result<()> {
-        let parts = self.assembly.parts.len() as u32;
+        if self.declared.do_not_fit {
+            // The input is only counted, for the error at its end.
+            return self.cancel.check();
+        }
+        let parts = self.declared.parts;
         let Some(spool) = self.meshes.get_mut(mesh.0 as usize) else {
             return Err(Error::bad_argument("triangles: no such mesh"));
         };
@@ -255,6 +357,10 @@ impl Sink for Builder {
         }
         if colours.is_some_and(|c| c.len() != positions.len()) {
             return Err(Error::bad_argument("triangles: the number of colours differs from the number of triangles"));
+        }
+        let most = self.options.max_triangles;
+        if most > 0 && self.triangles_in + positions.len() as u64 > most {
+            return Err(Error::OverLimit { what: "triangles of the input", most, limit: "max_triangles" });
         }
         if self.triangles_in + positions.len() as u64 >= u64::from(u32::MAX) {
             return Err(Error::bad_argument("triangles: a model must have fewer than 2^32 - 1 triangles"));
@@ -280,9 +386,13 @@ impl Sink for Builder {
     }
 
     fn instance(&mut self, mesh: MeshKey, world_from_mesh: DAffine3, first_part: PartKey) -> Result<()> {
+        self.declared.instances += 1;
+        if !self.has_room(2 * size_of::<InstanceRow>() as u64) {
+            return self.cancel.check();
+        }
         let spool = self.meshes.get(mesh.0 as usize).filter(|_| mesh != MeshKey::DIRECT);
         let spool = spool.ok_or_else(|| Error::bad_argument("instance: no such shared mesh"))?;
-        if u64::from(first_part) + u64::from(spool.local_parts) > self.assembly.parts.len() as u64 {
+        if u64::from(first_part) + u64::from(spool.local_parts) > u64::from(self.declared.parts) {
             return Err(Error::bad_argument("instance: the parts do not exist"));
         }
         let columns = world_from_mesh.to_cols_array();

@@ -99,9 +99,10 @@ impl Output<'_> {
         let placed = origin::place(spool, self.spilled.as_ref(), &self.par, self.cancel)?;
         self.cancel.check()?;
         self.judged(&placed.fates, placed.origin, &copies, &mut row);
-        let of_parts = parts::but(parts::count(&placed.triangles, &placed.parts, &self.par), &copies);
+        let of_parts = parts::count(&placed.triangles, &placed.parts, &self.par, self.cancel)?;
+        let of_parts = parts::but(of_parts, &copies);
         assembly.tight.search(index, placed.origin, &placed.triangles, &placed.parts, &self.par);
-        assembly.add(index, placed.origin, &of_parts);
+        assembly.add(index, placed.origin, &of_parts, self.cancel)?;
         if placed.triangles.is_empty() {
             return Ok(row);
         }
@@ -165,7 +166,7 @@ impl Output<'_> {
             self.spilled = None;
         }
         self.judged(&found.fates, origin, &copies, &mut row);
-        assembly.add(index, origin, &parts::but(found.parts, &copies));
+        assembly.add(index, origin, &parts::but(found.parts, &copies), self.cancel)?;
         let split = asked_for_splits(options.splits).unwrap_or_else(|| B::splits_pay(&found.samples));
         self.report.seconds.distribute += begun.elapsed().as_secs_f64();
         let part_colours = assembly.colours(index, row.local_parts);

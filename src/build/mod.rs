@@ -41,7 +41,7 @@ pub use crate::structure::Structure;
 pub use builder::Builder;
 pub use report::{BuildReport, PhaseSeconds};
 
-use crate::import::UpAxis;
+use crate::import::{Access, UpAxis};
 use std::path::PathBuf;
 
 /// Spatial splits: a triangle may be referred to by several leaves. They pay for long thin triangles, and do not pay
@@ -92,6 +92,13 @@ pub struct BuildOptions {
     pub metres_per_unit: Option<f64>,
     /// Up axis, which replaces the value in the input.
     pub up: Option<UpAxis>,
+    /// The files that mesh files may refer to. Default: those in the folder of each mesh file and below it.
+    pub access: Access,
+    /// Greatest number of triangles of the input; 0 for no limit. Those of a shared mesh count once. Default 0.
+    pub max_triangles: u64,
+    /// Greatest number of bytes that the model file and all scratch files take on the disk at any time; 0 for no limit.
+    /// Default 0.
+    pub max_bytes: u64,
 }
 
 #[cfg(test)]

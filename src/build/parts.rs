@@ -2,6 +2,8 @@
 
 use super::survey::OfPart;
 use super::tight::Tight;
+use crate::base::error::Result;
+use crate::base::progress::Cancel;
 use crate::math::{Bounds, DBounds};
 use crate::store::{InstanceRow, MaterialRow, PartRow};
 use crate::structure::Par;
@@ -24,14 +26,17 @@ const CHUNK: usize = 1 << 16;
 const TOGETHER: usize = 16;
 
 /// Returns bounds and count of each part that has triangles.
-pub fn count(triangles: &[[Vec3; 3]], parts: &[u32], par: &Par) -> BTreeMap<u32, OfPart> {
+pub fn count(triangles: &[[Vec3; 3]], parts: &[u32], par: &Par, cancel: &Cancel) -> Result<BTreeMap<u32, OfPart>> {
     let mut all: BTreeMap<u32, OfPart> = BTreeMap::new();
     for (triangles, parts) in triangles.chunks(CHUNK * TOGETHER).zip(parts.chunks(CHUNK * TOGETHER)) {
         let chunks: Vec<_> = triangles.chunks(CHUNK).zip(parts.chunks(CHUNK)).collect();
         let counted = par.map_items(chunks, |(triangles, parts)| count_chunk(triangles, parts));
-        counted.into_iter().flatten().for_each(|(part, of)| of.add_to(&mut all, part));
+        for counted in counted {
+            cancel.check()?;
+            counted.into_iter().for_each(|(part, of)| of.add_to(&mut all, part));
+        }
     }
-    all
+    Ok(all)
 }
 
 /// Returns the counts without those of triangles that are `copies`, given by primitive id with their parts.
@@ -60,24 +65,24 @@ fn count_chunk(triangles: &[[Vec3; 3]], parts: &[u32]) -> BTreeMap<u32, OfPart> 
 impl Assembly {
     /// Adds the triangles of a mesh, whose bounds are relative to `origin`. Those of tree 0 are added by part, those of
     /// other trees by local part, for each instance.
-    pub fn add(&mut self, tree: usize, origin: DVec3, of_parts: &BTreeMap<u32, OfPart>) {
+    pub fn add(&mut self, tree: usize, origin: DVec3, of_parts: &BTreeMap<u32, OfPart>, cancel: &Cancel) -> Result<()> {
         let Self { parts, instances, tight, .. } = self;
         let mut add = |first: u32, world_from_mesh: &DAffine3| {
             let tight = tight.placed(tree, world_from_mesh);
             for (&part, of) in of_parts {
+                cancel.check()?;
                 let row = &mut parts[first as usize + part as usize];
                 let local = DBounds { min: of.bounds.min.as_dvec3() + origin, max: of.bounds.max.as_dvec3() + origin };
                 row.bounds = flat(&unflat(&row.bounds).union(tight(part, local.transformed(world_from_mesh))));
                 row.triangles += of.count;
             }
+            Ok(())
         };
         if tree == 0 {
-            add(0, &DAffine3::IDENTITY);
-            return;
+            return add(0, &DAffine3::IDENTITY);
         }
-        for instance in instances.iter().filter(|i| i.tree as usize == tree) {
-            add(instance.first_part, &DAffine3::from_cols_array(&instance.world_from_mesh));
-        }
+        let mut placed = instances.iter().filter(|i| i.tree as usize == tree);
+        placed.try_for_each(|i| add(i.first_part, &DAffine3::from_cols_array(&i.world_from_mesh)))
     }
 }
 
@@ -118,7 +123,7 @@ mod tests {
             (0..count).map(|i| if i % 5000 < 4000 { (i / 5000) as u32 } else { i as u32 % 7 }).collect();
         let expected = count_chunk(&triangles, &parts);
         for threads in [1, 2] {
-            let found = super::count(&triangles, &parts, &Par { threads });
+            let found = super::count(&triangles, &parts, &Par { threads }, &Cancel::new()).unwrap();
             assert!(found.keys().eq(expected.keys()));
             assert!(found.values().zip(expected.values()).all(|(a, b)| (a.bounds, a.count) == (b.bounds, b.count)));
         }

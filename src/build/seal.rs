@@ -11,7 +11,9 @@ use super::split::Splitter;
 use super::spool::Spool;
 use super::tight::Tight;
 use crate::base::error::Result;
+use crate::base::inputs::Inputs;
 use crate::base::progress::{Cancel, Phase, Progress};
+use crate::base::quota::Quota;
 use crate::base::scratch::{Scratch, ScratchSpace};
 use crate::import::UpAxis;
 use crate::lod::SAMPLE_BYTES;
@@ -40,6 +42,8 @@ pub struct Asked<'a> {
     pub shares: Shares,
     pub space: Arc<ScratchSpace>,
     pub out: &'a Path,
+    pub inputs: Inputs,
+    pub quota: Quota,
     pub progress: &'a Progress,
     pub cancel: &'a Cancel,
     /// Fraction of the progress before these passes.
@@ -56,12 +60,12 @@ const IDS_DONE: f64 = 0.98;
 pub fn run(mut gathered: Gathered, asked: &Asked, threads: usize) -> Result<BuildReport> {
     let begun = Instant::now();
     let par = Par { threads };
-    let Asked { options, shares, space, out, progress, cancel, done } = asked;
+    let Asked { options, shares, space, out, inputs, quota, progress, cancel, done } = asked;
     progress.enter(Phase::Build);
     progress.advance(*done);
     let has_colours = gathered.meshes.iter().any(|m| m.has_colours);
-    // Fails early if the folder cannot be written.
-    let writer = Writer::create(out)?;
+    // Fails early if the folder cannot be written, or if the target is an input.
+    let writer = Writer::guarded(out, inputs, quota)?;
     let mut meshes = std::mem::take(&mut gathered.meshes);
     if let Some(to) = &gathered.spilled {
         // Input that stays in memory would take memory that the trees need.

@@ -11,6 +11,9 @@ const BYTES_PER_TRIANGLE: u64 = 256;
 /// encoded.
 const FIXED: u64 = 16 << 20;
 
+/// Number of bytes for textures in any budget. They take no memory any more when trees are built.
+const TEXTURES: u64 = 8 << 20;
+
 /// Least budget of any build, in bytes.
 pub const LEAST: u64 = 32 << 20;
 
@@ -27,6 +30,8 @@ pub struct Shares {
     pub spool: u64,
     /// Bytes of vertices that a reader keeps; 0: no limit.
     pub reader: u64,
+    /// Bytes of decoded textures, and of decoding one; 0: no limit.
+    pub textures: u64,
     /// Maximum number of triangles whose tree is built at once.
     pub chunk: u64,
     /// Maximum number of triangles that wait, over all chunks, while a mesh is distributed.
@@ -39,7 +44,14 @@ impl Shares {
     /// The shares of a budget in bytes; 0: no limit. Fails with `OverBudget` below the least budget.
     pub fn of(budget: u64) -> Result<Self> {
         if budget == 0 {
-            return Ok(Self { spool: u64::MAX, reader: 0, chunk: u64::MAX, waiting: u64::MAX, aside: usize::MAX });
+            return Ok(Self {
+                spool: u64::MAX,
+                reader: 0,
+                textures: 0,
+                chunk: u64::MAX,
+                waiting: u64::MAX,
+                aside: usize::MAX,
+            });
         }
         if budget < LEAST {
             return Err(Error::OverBudget { what: "building a model".into(), need: LEAST, have: budget });
@@ -49,6 +61,7 @@ impl Shares {
             // Exactly the input that stays in memory while it is read is built in memory.
             spool: free / BYTES_PER_TRIANGLE * BYTES_KEPT,
             reader: free / 4,
+            textures: TEXTURES + free / 4,
             // A part of the budget is left for the upper nodes of completed chunks, and for their blocks.
             chunk: free / 8 * 5 / BYTES_PER_TRIANGLE,
             waiting: free / 4 / BYTES_WAITING,

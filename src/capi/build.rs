@@ -5,15 +5,16 @@ use super::guard::{self, Checked, Sized32, bad, boundary, out, read_or_default, 
 use super::handles::{self, Shell, handle};
 use super::job::oc_job;
 use super::report;
+use super::resolve::{HostResolver, oc_resolve_fn};
 use super::status::oc_status;
 use crate::base::error::Error;
 use crate::base::output;
 use crate::base::progress::{Cancel, Progress};
 use crate::build::{BuildOptions, Builder, Splits, Structure};
-use crate::import::{MeshKey, PartKey, UpAxis};
+use crate::import::{Access, MeshKey, PartKey, UpAxis};
 use crate::scene::LogLevel;
 use std::collections::HashMap;
-use std::ffi::c_char;
+use std::ffi::{c_char, c_void};
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -91,7 +92,10 @@ pub struct oc_build_desc {
     /// One of the OC_STRUCTURE_ constants.
     pub structure: oc_structure,
     /// Limit in bytes of the memory that the build takes, at least 32 MiB. Data that does not fit goes to temporary
-    /// files. Not included: vertices of OBJ files, colours of PLY vertices, buffers of glTF files. 0: no limit.
+    /// files. Names, parts, instances and one texture may take 64 MiB more. If names, parts and instances do not fit,
+    /// the job fails with OC_STATUS_OVER_BUDGET and names a budget that suffices for them; a texture that does not fit
+    /// is left out with a note. Not included: vertices of OBJ files, colours of PLY vertices, buffers of glTF files. 0:
+    /// no limit.
     pub memory_budget: u64,
     /// Folder for temporary files. NULL: the system's (`TMPDIR`, if it is set). The folder is not accessed before the
     /// first temporary file is written.
@@ -108,11 +112,33 @@ pub struct oc_build_desc {
     pub threads: u32,
     /// Must be 0.
     pub reserved: u32,
+    /// Resolves the names of files that mesh files refer to, or NULL.
+    pub resolve: oc_resolve_fn,
+    /// Passed to `resolve`. Must stay valid until the build is released and its job has ended.
+    pub resolve_user: *mut c_void,
+    /// A folder of files that mesh files may refer to, with all folders below it. NULL: none.
+    ///
+    /// By default a mesh file may refer only to files in its own folder and below it: names with `..`, absolute names
+    /// and symbolic links that lead out of it are refused. If the geometry needs the file (a buffer of glTF), the job
+    /// fails with OC_STATUS_PARSE; otherwise (material libraries, textures) the file is left out with a note.
+    pub trusted_folder: *const c_char,
+    /// Greatest number of triangles in the input; those of a shared mesh count once. More: OC_STATUS_OVER_LIMIT. 0: no
+    /// limit.
+    pub max_triangles: u64,
+    /// Greatest number of bytes that the model file and all temporary files take on the disk at any time. More:
+    /// OC_STATUS_OVER_LIMIT. 0: no limit.
+    pub max_bytes: u64,
+    /// 1: mesh files may refer to any file that the process may read. Only for mesh files from a trusted source. 0: the
+    /// rule of `trusted_folder`.
+    pub trust_paths: u32,
+    /// Must be 0.
+    pub reserved_2: u32,
 }
 
-// SAFETY: `repr(C)`, numbers and a pointer without padding, `struct_size` first.
+// SAFETY: `repr(C)`, numbers, pointers and a nullable function without padding, `struct_size` first.
 unsafe impl Sized32 for oc_build_desc {
     const NAME: &'static str = "oc_build_desc";
+    const FIRST_SIZE: usize = std::mem::offset_of!(oc_build_desc, resolve);
 }
 
 /// Returns the number of threads of a build. In a context without threads of its own, that is the one that runs the
@@ -132,6 +158,7 @@ fn threads(asked: u32, context: &ContextObject) -> usize {
 /// The pointers in `desc` are as its members say.
 unsafe fn options(desc: &oc_build_desc, context: &ContextObject) -> Checked<BuildOptions> {
     reserved(desc.reserved, "oc_build_desc.reserved")?;
+    reserved(desc.reserved_2, "oc_build_desc.reserved_2")?;
     check_threads(desc.threads, "oc_build_desc.threads")?;
     let structure = match desc.structure {
         OC_STRUCTURE_DEFAULT | OC_STRUCTURE_BVH => Structure::Bvh,
@@ -156,9 +183,34 @@ unsafe fn options(desc: &oc_build_desc, context: &ContextObject) -> Checked<Buil
         // SAFETY: the caller's contract.
         Some(unsafe { guard::path(desc.temp_dir, "oc_build_desc.temp_dir")? })
     };
+    let any = match desc.trust_paths {
+        0 => false,
+        1 => true,
+        other => return bad(format!("oc_build_desc.trust_paths is {other}; it must be 0 or 1")),
+    };
+    let folders = if desc.trusted_folder.is_null() {
+        Vec::new()
+    } else {
+        // SAFETY: the caller's contract.
+        vec![unsafe { guard::path(desc.trusted_folder, "oc_build_desc.trusted_folder")? }]
+    };
+    let resolver = desc.resolve.map(|resolve| HostResolver::new(resolve, desc.resolve_user));
+    let access = Access { folders, any, resolver: resolver.map(|resolver| Arc::new(resolver) as _) };
+    let (max_triangles, max_bytes) = (desc.max_triangles, desc.max_bytes);
     let metres_per_unit = (desc.metres_per_unit != 0.0).then_some(desc.metres_per_unit);
     let (memory_budget, threads) = (desc.memory_budget, threads(desc.threads, context));
-    Ok(BuildOptions { structure, memory_budget, threads, temp_dir, splits, metres_per_unit, up })
+    Ok(BuildOptions {
+        structure,
+        memory_budget,
+        threads,
+        temp_dir,
+        splits,
+        metres_per_unit,
+        up,
+        access,
+        max_triangles,
+        max_bytes,
+    })
 }
 
 /// Creates an empty build.
@@ -229,7 +281,8 @@ pub unsafe extern "C" fn oc_build_add_file(build: *mut oc_build, path: *const c_
 ///
 /// - `path`: path of the model file: a regular file that may be written, or no file yet. The file appears under this
 ///   name when the job is done; until then an existing file stays. A job that fails or is cancelled leaves no temporary
-///   file. If `path` is a symbolic link, the file that it names is replaced, and the link stays.
+///   file. The new file has the permissions, the group and the owner of the existing one, as far as the process may set
+///   them. If `path` is a symbolic link, the file that it names is replaced, and the link stays.
 /// - `out_job`: receives the job. oc_job_build_report returns its statistics.
 ///
 /// After this call nothing can be added to the build, even if the thread cannot be started.
@@ -240,6 +293,8 @@ pub unsafe extern "C" fn oc_build_add_file(build: *mut oc_build, path: *const c_
 /// Errors:
 /// - OC_STATUS_INVALID_STATE: the build was started before.
 /// - OC_STATUS_INVALID_ARGUMENT: `path` is one of the input files of the build, by any name or link. Nothing changed.
+///   If it is a file that an input refers to (a material library, a buffer, a texture), the job fails so, and the file
+///   stays as it is.
 /// - OC_STATUS_IO: `path` is a folder, a device, a pipe, a socket, a read-only file, or a link that leads to no file
 ///   (nothing changed); or the thread cannot be started.
 ///

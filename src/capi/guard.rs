@@ -46,6 +46,7 @@ pub(crate) fn status_of(error: &Error) -> (oc_status, u64) {
         Error::Corrupt { .. } => OC_STATUS_CORRUPT,
         Error::NewerFormat { .. } => OC_STATUS_NEWER_FORMAT,
         Error::OverBudget { need, .. } => return (OC_STATUS_OVER_BUDGET, *need),
+        Error::OverLimit { .. } => OC_STATUS_OVER_LIMIT,
         Error::Cancelled => OC_STATUS_CANCELLED,
         Error::Io { .. } => OC_STATUS_IO,
         Error::NoMemory { .. } => OC_STATUS_OUT_OF_MEMORY,

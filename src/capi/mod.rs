@@ -22,6 +22,7 @@ pub mod pixels;
 pub mod prefetch;
 pub mod query;
 pub mod report;
+pub mod resolve;
 pub mod scene;
 pub mod status;
 #[cfg(debug_assertions)]

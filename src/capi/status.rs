@@ -7,7 +7,7 @@ use std::ffi::{CStr, c_char};
 /// - 1: the calling program
 /// - 2: the file
 /// - 3: the installation
-/// - 4: the memory budget
+/// - 4: the memory budget, or another limit
 /// - 5: the machine
 /// - 6: the library itself
 pub type oc_status = u32;
@@ -33,6 +33,8 @@ pub const OC_STATUS_VERSION_MISMATCH: oc_status = 300;
 pub const OC_STATUS_NEWER_FORMAT: oc_status = 301;
 /// The budget: the memory budget is too small. oc_last_error_need returns the least budget that suffices.
 pub const OC_STATUS_OVER_BUDGET: oc_status = 400;
+/// The limit: a build exceeds a limit of oc_build_desc. oc_last_error names the limit and what exceeds it.
+pub const OC_STATUS_OVER_LIMIT: oc_status = 401;
 /// The machine: reading or writing failed, or a thread could not be started.
 pub const OC_STATUS_IO: oc_status = 500;
 /// The machine: the system refused a large allocation (a picture, the tree of a build). oc_last_error names its purpose
@@ -65,6 +67,7 @@ pub extern "C" fn oc_status_name(status: oc_status) -> *const c_char {
         OC_STATUS_VERSION_MISMATCH => c"OC_STATUS_VERSION_MISMATCH",
         OC_STATUS_NEWER_FORMAT => c"OC_STATUS_NEWER_FORMAT",
         OC_STATUS_OVER_BUDGET => c"OC_STATUS_OVER_BUDGET",
+        OC_STATUS_OVER_LIMIT => c"OC_STATUS_OVER_LIMIT",
         OC_STATUS_IO => c"OC_STATUS_IO",
         OC_STATUS_OUT_OF_MEMORY => c"OC_STATUS_OUT_OF_MEMORY",
         OC_STATUS_INTERNAL => c"OC_STATUS_INTERNAL",

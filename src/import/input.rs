@@ -6,8 +6,9 @@
 
 use super::text;
 use crate::base::error::{Error, Place, Result};
+use crate::base::inputs::{Identity, Inputs};
 use std::fs::{File, Metadata};
-use std::io::{Read, Seek, SeekFrom};
+use std::io::{self, Cursor, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
@@ -85,6 +86,15 @@ impl Ends {
     }
 }
 
+fn is_regular(path: &Path, info: &Metadata) -> Result<()> {
+    let refuse = |why| Err(Error::parse(path, Place::File, why));
+    match info {
+        _ if info.is_dir() => refuse("is a directory, not a mesh file"),
+        _ if !info.is_file() => refuse("is not a regular file"),
+        _ => Ok(()),
+    }
+}
+
 /// The byte order mark that some programs write before UTF-8 text.
 pub(crate) const MARK: &[u8] = b"\xef\xbb\xbf";
 
@@ -92,42 +102,90 @@ pub(crate) const MARK: &[u8] = b"\xef\xbb\xbf";
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Stamp {
     path: PathBuf,
+    /// `None` for bytes of the host, which promises that they stay as they are.
+    state: Option<State>,
+}
+
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct State {
     len: u64,
     written: Option<SystemTime>,
-    /// Device, and number on the device.
-    file: (u64, u64),
+    identity: Option<Identity>,
+}
+
+impl State {
+    fn of(path: &Path, info: &Metadata) -> Self {
+        let identity = Identity::of_open(path, info).ok();
+        Self { len: info.len(), written: info.modified().ok(), identity }
+    }
 }
 
 impl Stamp {
-    fn of(path: &Path, info: &Metadata) -> Self {
-        Self { path: path.to_path_buf(), len: info.len(), written: info.modified().ok(), file: number(info) }
+    /// Path of the file, or the name of the host's bytes.
+    pub(crate) fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// True for a file, false for bytes of the host.
+    pub(crate) fn is_file(&self) -> bool {
+        self.state.is_some()
     }
 
     /// Fails if the file was written, cut, replaced or removed since it was opened.
     pub(crate) fn unchanged(&self) -> Result<()> {
+        let Some(state) = &self.state else { return Ok(()) };
         match std::fs::metadata(&self.path) {
-            Ok(info) if Self::of(&self.path, &info) == *self => Ok(()),
+            Ok(info) if State::of(&self.path, &info) == *state => Ok(()),
             _ => Err(Error::parse(&self.path, Place::File, "was changed or replaced while it was being read")),
+        }
+    }
+
+    /// Adds the file to those that no output may replace.
+    pub(crate) fn report(&self, inputs: &Inputs) {
+        if let Some(identity) = self.state.as_ref().and_then(|state| state.identity.clone()) {
+            inputs.add(&self.path, identity);
         }
     }
 }
 
-#[cfg(unix)]
-fn number(info: &Metadata) -> (u64, u64) {
-    use std::os::unix::fs::MetadataExt;
-    (info.dev(), info.ino())
+/// The source of an input's bytes.
+enum Origin {
+    File(File),
+    Bytes(Cursor<Box<dyn AsRef<[u8]>>>),
 }
-/// Other systems have no portable number of a file: a replaced file is noticed by its length and time only.
-#[cfg(not(unix))]
-fn number(_: &Metadata) -> (u64, u64) {
-    (0, 0)
+
+impl Read for Origin {
+    fn read(&mut self, out: &mut [u8]) -> io::Result<usize> {
+        match self {
+            Self::File(file) => file.read(out),
+            Self::Bytes(bytes) => {
+                let all: &[u8] = (**bytes.get_ref()).as_ref();
+                let mut rest = all.get(bytes.position() as usize..).unwrap_or_default();
+                let n = rest.read(out)?;
+                bytes.set_position(bytes.position() + n as u64);
+                Ok(n)
+            }
+        }
+    }
+}
+
+impl Origin {
+    fn seek(&mut self, to: u64) -> io::Result<()> {
+        match self {
+            Self::File(file) => file.seek(SeekFrom::Start(to)).map(drop),
+            Self::Bytes(bytes) => {
+                bytes.set_position(to);
+                Ok(())
+            }
+        }
+    }
 }
 
 /// An input file with a window of it in memory.
 ///
 /// Invariant: `buf[at..end]` are the bytes of the file that begin at `offset()`.
 pub(crate) struct Input {
-    file: File,
+    file: Origin,
     stamp: Stamp,
     total: u64,
     buf: Vec<u8>,
@@ -144,20 +202,30 @@ pub(crate) struct Input {
 impl Input {
     /// Opens a regular file. Directories, devices and pipes are refused first, because reading them could block.
     pub(crate) fn open(path: &Path) -> Result<Self> {
-        let info = std::fs::metadata(path).map_err(|e| Error::io(path, "open", e))?;
-        if info.is_dir() {
-            return Err(Error::parse(path, Place::File, "is a directory, not a mesh file"));
-        }
-        if !info.is_file() {
-            return Err(Error::parse(path, Place::File, "is not a regular file"));
-        }
-        let file = File::open(path).map_err(|e| Error::io(path, "open", e))?;
+        let fail = |e| Error::io(path, "open", e);
+        is_regular(path, &std::fs::metadata(path).map_err(fail)?)?;
+        Self::of_file(path, File::open(path).map_err(fail)?)
+    }
+
+    /// Reads a file that was opened as `path`. Fails if it is not a regular file.
+    pub(crate) fn of_file(path: &Path, file: File) -> Result<Self> {
         let info = file.metadata().map_err(|e| Error::io(path, "open", e))?;
-        let total = info.len();
-        let window = CHUNK.min(total as usize + 1);
-        Ok(Self {
+        is_regular(path, &info)?;
+        let stamp = Stamp { path: path.to_path_buf(), state: Some(State::of(path, &info)) };
+        Ok(Self::new(Origin::File(file), stamp, info.len()))
+    }
+
+    /// Reads bytes of the host, which calls them `name`.
+    pub(crate) fn of_bytes(name: &str, bytes: Box<dyn AsRef<[u8]>>) -> Self {
+        let total = (*bytes).as_ref().len() as u64;
+        Self::new(Origin::Bytes(Cursor::new(bytes)), Stamp { path: name.into(), state: None }, total)
+    }
+
+    fn new(file: Origin, stamp: Stamp, total: u64) -> Self {
+        let window = CHUNK.min(usize::try_from(total).unwrap_or(CHUNK) + 1);
+        Self {
             file,
-            stamp: Stamp::of(path, &info),
+            stamp,
             total,
             buf: vec![0; window],
             at: 0,
@@ -166,7 +234,7 @@ impl Input {
             ends: Ends::Any,
             line: 0,
             last: (0, 0),
-        })
+        }
     }
 
     /// State of the file when it was opened.
@@ -240,7 +308,7 @@ impl Input {
                     self.end += n;
                     self.next += n as u64;
                 }
-                Err(e) if e.kind() == std::io::ErrorKind::Interrupted => {}
+                Err(e) if e.kind() == io::ErrorKind::Interrupted => {}
                 Err(e) => return Err(Error::io(&self.stamp.path, "read", e)),
             }
         }
@@ -280,7 +348,7 @@ impl Input {
 
     /// Moves to a file offset that is preceded by `line` lines.
     pub(crate) fn seek(&mut self, offset: u64, line: u64) -> Result<()> {
-        self.file.seek(SeekFrom::Start(offset)).map_err(|e| Error::io(&self.stamp.path, "seek", e))?;
+        self.file.seek(offset).map_err(|e| Error::io(&self.stamp.path, "seek", e))?;
         (self.at, self.end, self.next) = (0, 0, offset);
         self.line = line;
         Ok(())
@@ -355,14 +423,14 @@ impl Input {
         if end.is_none_or(|end| end > self.total) {
             return Ok(false);
         }
-        let io = |e| Error::io(&self.stamp.path, "read", e);
-        self.file.seek(SeekFrom::Start(offset)).map_err(io)?;
+        let fail = |e| Error::io(&self.stamp.path, "read", e);
+        self.file.seek(offset).map_err(fail)?;
         let read = self.file.read_exact(out);
-        self.file.seek(SeekFrom::Start(self.next)).map_err(io)?;
+        self.file.seek(self.next).map_err(fail)?;
         match read {
             Ok(()) => Ok(true),
-            Err(e) if e.kind() == std::io::ErrorKind::UnexpectedEof => Ok(false),
-            Err(e) => Err(io(e)),
+            Err(e) if e.kind() == io::ErrorKind::UnexpectedEof => Ok(false),
+            Err(e) => Err(fail(e)),
         }
     }
 }

@@ -4,11 +4,13 @@
 
 #![forbid(unsafe_code)]
 
+mod access;
 mod batch;
 #[cfg(test)]
 mod change_tests;
 pub mod collect;
 mod colour;
+mod decode;
 mod detect;
 mod files;
 pub mod generate;
@@ -16,6 +18,8 @@ mod gltf;
 mod ignored;
 mod input;
 mod obj;
+mod picture;
+mod pictures;
 mod ply;
 pub mod raw;
 mod stl;
@@ -25,12 +29,19 @@ mod text;
 mod texture;
 mod vertices;
 
+use crate::base::account::Account;
 use crate::base::error::{Error, Result};
+use crate::base::inputs::Inputs;
 use crate::base::progress::Cancel;
+use crate::base::quota::Quota;
+use crate::base::scratch::ScratchSpace;
 pub use crate::base::units::UpAxis;
+use access::Files;
+pub use access::{Access, Resolved, Resolver};
 pub use files::read_files;
 use glam::{DAffine3, DVec3};
 use std::path::Path;
+use std::sync::Arc;
 
 /// Key of a mesh of a [`Sink`]: the directly placed triangles, or a mesh that instances repeat.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -121,8 +132,28 @@ pub struct ReadOptions {
     pub temp_dir: Option<std::path::PathBuf>,
     /// Limit in bytes of the positions that a reader keeps in memory for formats with global indices; 0 for no limit.
     /// PLY respects it and spills the other positions to a scratch file. OBJ positions (24 bytes per vertex) and
-    /// texture coordinates (8), PLY colours (3 or 12), glTF buffers and decoded textures always stay in memory.
+    /// texture coordinates (8), PLY colours (3 or 12) and glTF buffers always stay in memory.
     pub memory: u64,
+    /// Limit in bytes of decoded textures in memory, and of the memory in which one is decoded; 0 for 256 MiB and no
+    /// limit of decoding. Textures beyond it go to a scratch file; one that cannot be decoded in it is left out with a
+    /// note. One texture of at most 50 MB is always in memory.
+    pub textures: u64,
+    /// The files that mesh files may refer to.
+    pub access: Access,
+    /// Receives each file that was read, so that no output replaces it.
+    pub inputs: Inputs,
+    /// Counts the bytes of scratch files.
+    pub quota: Quota,
+    /// Counts the bytes of a reader's tables: names of OBJ files, the document of glTF files. If they do not fit,
+    /// reading fails with [`Error::OverBudget`], which names a budget that suffices for them.
+    pub account: Account,
+}
+
+impl ReadOptions {
+    /// Returns the folder of scratch files.
+    fn scratch(&self) -> Arc<ScratchSpace> {
+        ScratchSpace::limited(self.temp_dir.as_deref(), self.quota.clone())
+    }
 }
 
 /// Reads the mesh file at `path` into `sink`. The format is detected by the content first, then by the file extension.
@@ -132,29 +163,35 @@ pub struct ReadOptions {
 /// [`ReadOptions::memory`]), never with the counts in a header. A file without parts of its own becomes one part with
 /// the name of the file, without folder and extension.
 ///
+/// Files that the mesh file refers to are opened as [`ReadOptions::access`] allows. If the geometry needs one that is
+/// not allowed or cannot be read (a buffer of glTF), the reading fails; otherwise the file is left out with a note.
+///
 /// Fails with [`crate::Error::Parse`], naming line or byte, if the content is invalid or not a mesh, and naming the
 /// file if another program changes it, or a file that it refers to, meanwhile; with `Io` if the file cannot be read;
 /// with the errors of the sink. A mesh file without triangles is valid and adds a note to the sink. Data that the sink
 /// received before an error is not withdrawn.
 pub fn read_file(path: &Path, options: &ReadOptions, sink: &mut dyn Sink) -> Result<()> {
     let mut input = input::Input::open(path)?;
+    input.stamp().report(&options.inputs);
+    let files = Files::new(path, options);
     let total = input.total();
     sink.at(0, total);
-    let outcome = read_open(&mut input, options, sink);
+    let outcome = read_open(&mut input, &files, options, sink);
     // A file that changes may also look invalid; the change is the better reason.
     if matches!(outcome, Ok(()) | Err(Error::Parse { .. })) {
         input.stamp().unchanged()?;
+        files.unchanged()?;
     }
     outcome?;
     sink.at(total, total);
     Ok(())
 }
 
-fn read_open(input: &mut input::Input, options: &ReadOptions, sink: &mut dyn Sink) -> Result<()> {
+fn read_open(input: &mut input::Input, files: &Files<'_>, options: &ReadOptions, sink: &mut dyn Sink) -> Result<()> {
     match detect::format(input)? {
         detect::Format::Ply => ply::read(input, options, sink),
-        detect::Format::Obj => obj::read(input, sink),
-        detect::Format::Gltf => gltf::read(input, sink),
+        detect::Format::Obj => obj::read(input, files, sink),
+        detect::Format::Gltf => gltf::read(input, files, sink),
         detect::Format::Raw => raw::read(input, sink),
         detect::Format::StlText => stl::read_text(input, sink),
         detect::Format::StlBinary => stl::read_binary(input, sink),

@@ -6,15 +6,9 @@
 //! the point's share of the triangle. Small triangles therefore read their few texels, large ones cover all of theirs,
 //! and both cost the same.
 
-use crate::import::colour;
+use super::picture::Picture;
 use glam::Vec2;
-use image::{ImageReader, Limits, RgbaImage};
-use std::io::Cursor;
 
-/// Largest picture that is decoded, in pixels.
-pub(crate) const MAX_PIXELS: u64 = 1 << 26;
-/// Longest side of the finest level in texels.
-const MAX_SIDE: u32 = 1024;
 /// Number of points along an edge of the pattern.
 const PATTERN: u32 = 5;
 
@@ -44,14 +38,30 @@ pub(crate) enum Wrap {
 }
 
 /// Use of the alpha channel of a picture.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Alpha {
     /// All texels are opaque.
     Ignored,
-    /// Texels of at least this alpha are opaque, the others are invisible.
-    Cut(f32),
+    /// Texels of at least this coded alpha are opaque, the others are invisible. 256 makes all invisible.
+    Cut(u16),
     /// Alpha is opacity.
     Opacity,
+}
+
+impl Alpha {
+    /// Texels of at least the alpha `least` are opaque.
+    pub(crate) fn cut(least: f32) -> Self {
+        Self::Cut((0..=255u8).find(|&a| f32::from(a) / 255.0 >= least).map_or(256, u16::from))
+    }
+
+    /// Returns the alpha that a texel of alpha `coded` has.
+    fn of(self, coded: u8) -> u8 {
+        match self {
+            Self::Ignored => 255,
+            Self::Cut(least) => 255 * u8::from(u16::from(coded) >= least),
+            Self::Opacity => coded,
+        }
+    }
 }
 
 /// Mapping of texture coordinates by a material: a transform, and the wrapping outside of [0, 1].
@@ -73,44 +83,35 @@ impl Mapping {
 }
 
 impl Texture {
-    /// Decodes a picture as [`picture`] does.
-    pub(crate) fn decode(bytes: &[u8], alpha: Alpha) -> Result<Self, String> {
-        Ok(Self::of(picture(bytes)?, alpha))
-    }
-
     /// Creates a texture from a picture.
-    pub(crate) fn of(mut picture: RgbaImage, alpha: Alpha) -> Self {
-        picture.pixels_mut().for_each(|pixel| pixel.0[3] = alpha.of(pixel.0[3]));
-        Self::new(picture.width(), picture.height(), picture.as_raw())
-    }
-
-    /// Creates a texture from rows of sRGB-coded RGBA.
-    pub(crate) fn new(width: u32, height: u32, rgba: &[u8]) -> Self {
-        let (pixels, _) = rgba.as_chunks::<4>();
-        let sum = pixels.iter().fold([0u64; 3], |s, p| std::array::from_fn(|i| s[i] + u64::from(p[i])));
-        let mean_coded = sum.map(|s| (s as f64 / (255.0 * pixels.len().max(1) as f64)) as f32);
-        let alpha = |power| pixels.iter().map(|p| u64::from(p[3]).pow(power)).sum::<u64>() as f64;
-        let opacity = (alpha(2) / (255.0 * alpha(1)).max(1.0)) as f32;
-        // Pictures larger than `MAX_SIDE` are reduced by an integer factor.
-        let step = width.max(height).div_ceil(MAX_SIDE).max(1);
-        let mut finest = Level { width: width.div_ceil(step), height: height.div_ceil(step), texels: Vec::new() };
-        finest.texels.resize(finest.width as usize * finest.height as usize, [0.0; 4]);
-        let mut counts = vec![0u32; finest.texels.len()];
-        for (i, &[r, g, b, a]) in pixels.iter().enumerate() {
-            let (x, y) = (i as u32 % width / step, i as u32 / width / step);
-            let at = (y * finest.width + x) as usize;
-            let (alpha, [r, g, b]) = (f32::from(a) / 255.0, colour::linear_bytes([r, g, b]));
-            add(&mut finest.texels[at], [r * alpha, g * alpha, b * alpha, alpha]);
-            counts[at] += 1;
-        }
-        for (texel, &n) in finest.texels.iter_mut().zip(&counts) {
-            *texel = texel.map(|c| c / n.max(1) as f32);
-        }
-        let mut levels = vec![finest];
+    pub(crate) fn of(picture: &Picture, alpha: Alpha) -> Self {
+        let texel = |i: usize| {
+            let [r, g, b, mean_alpha] = picture.weighted[i];
+            match alpha {
+                Alpha::Opacity => [r, g, b, mean_alpha],
+                Alpha::Ignored => {
+                    let [r, g, b] = picture.plain.get(i).copied().unwrap_or([r, g, b]);
+                    [r, g, b, 1.0]
+                }
+                // A texel of several pixels has the mean of their alpha.
+                Alpha::Cut(least) if mean_alpha > 0.0 && (255.0 * mean_alpha).round() >= f32::from(least) => {
+                    [r / mean_alpha, g / mean_alpha, b / mean_alpha, 1.0]
+                }
+                Alpha::Cut(_) => [0.0; 4],
+            }
+        };
+        let texels = (0..picture.weighted.len()).map(texel).collect();
+        let mut levels = vec![Level { width: picture.width, height: picture.height, texels }];
         while let Some(coarser) = levels.last().and_then(Level::halved) {
             levels.push(coarser);
         }
-        Self { levels, mean_coded, opacity }
+        // The sum over all pixels of a power of their alpha.
+        let sum = |power: u32| -> f64 {
+            let each = (0..=255u8).zip(picture.alphas.iter());
+            each.map(|(a, &n)| n as f64 * f64::from(alpha.of(a)).powi(power as i32)).sum()
+        };
+        let opacity = (sum(2) / (255.0 * sum(1)).max(1.0)) as f32;
+        Self { levels, mean_coded: picture.mean_coded, opacity }
     }
 
     /// Returns the mean of the coded values, for textures that are not colours.
@@ -125,8 +126,8 @@ impl Texture {
     }
 
     /// Returns the size of all levels in bytes.
-    pub(crate) fn bytes(&self) -> usize {
-        self.levels.iter().map(|level| size_of_val(&level.texels[..])).sum()
+    pub(crate) fn bytes(&self) -> u64 {
+        self.levels.iter().map(|level| size_of_val(&level.texels[..]) as u64).sum()
     }
 
     /// Returns the mean opacity of the visible texels: the mean of alpha, weighted by alpha. Empty areas around the
@@ -155,37 +156,6 @@ impl Texture {
         }
         let [r, g, b, alpha] = sum;
         (alpha > 1e-4 * points).then(|| [r / alpha, g / alpha, b / alpha])
-    }
-}
-
-/// Decodes a PNG or JPEG picture of at most [`MAX_PIXELS`] pixels.
-pub(crate) fn picture(bytes: &[u8]) -> Result<RgbaImage, String> {
-    let mut limits = Limits::default();
-    limits.max_alloc = Some(MAX_PIXELS * 8);
-    let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| e.to_string())?;
-    reader.limits(limits.clone());
-    let (width, height) = reader.into_dimensions().map_err(|e| format!("a picture cannot be read: {e}"))?;
-    if u64::from(width) * u64::from(height) > MAX_PIXELS || width == 0 || height == 0 {
-        return Err(format!("a picture of {width} × {height} pixels is empty or too large"));
-    }
-    let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| e.to_string())?;
-    reader.limits(limits);
-    Ok(reader.decode().map_err(|e| format!("a picture cannot be decoded: {e}"))?.into_rgba8())
-}
-
-impl Alpha {
-    fn of(self, coded: u8) -> u8 {
-        match self {
-            Self::Ignored => 255,
-            Self::Cut(least) => {
-                if f32::from(coded) / 255.0 >= least {
-                    255
-                } else {
-                    0
-                }
-            }
-            Self::Opacity => coded,
-        }
     }
 }
 

@@ -73,7 +73,7 @@ impl Vertices {
         } else {
             Held::Double(Vec::with_capacity(room(24)))
         };
-        Self { held, spilled: None, limit, space: ScratchSpace::new(options.temp_dir.as_deref()) }
+        Self { held, spilled: None, limit, space: options.scratch() }
     }
 
     /// Returns the list in memory for adding vertices. The caller calls [`Vertices::settle`] from time to time.
@@ -170,7 +170,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let at = |i: usize| [i as f64, -0.25 * i as f64, 1e6 - i as f64];
         for (single, memory) in [(true, 0), (true, 100_000), (false, 100_000), (false, 1)] {
-            let options = ReadOptions { temp_dir: Some(dir.path().into()), memory };
+            let options = ReadOptions { temp_dir: Some(dir.path().into()), memory, ..ReadOptions::default() };
             let mut vertices = Vertices::new(single, 50_000, &options);
             for i in 0..50_000 {
                 match vertices.held() {

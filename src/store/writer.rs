@@ -9,7 +9,9 @@ use super::sections::{InstanceRow, MaterialRow, PartRow, Tables, TreeRow};
 use crate::base::bytes::Malformed;
 use crate::base::error::{Error, Result};
 use crate::base::ids::BlockId;
+use crate::base::inputs::Inputs;
 use crate::base::output::{Medium, OutputFile};
+use crate::base::quota::Quota;
 use std::path::Path;
 use xxhash_rust::xxh3::xxh3_64;
 
@@ -37,6 +39,12 @@ impl Writer {
     /// a regular file.
     pub fn create(path: &Path) -> Result<Self> {
         Self::through(Box::new(OutputFile::create(path)?))
+    }
+
+    /// As [`Writer::create`]. The model replaces none of `inputs`: [`Writer::finish`] also fails with
+    /// [`Error::BadArgument`] if `path` is one of them. Its bytes count in `quota`.
+    pub fn guarded(path: &Path, inputs: &Inputs, quota: &Quota) -> Result<Self> {
+        Self::through(Box::new(OutputFile::create(path)?.guarded(inputs, quota)?))
     }
 
     fn through(medium: Box<dyn Medium>) -> Result<Self> {

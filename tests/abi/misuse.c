@@ -189,6 +189,13 @@ static void contents_of_builds(oc_context *c) {
     desc.temp_dir = NULL, desc.threads = 99999;
     INVALID(oc_build_create(c, &desc, &b));
     CHECK(strstr(oc_last_error(), "oc_build_desc.threads is 99999"));
+    desc.threads = 0, desc.trusted_folder = "";
+    INVALID(oc_build_create(c, &desc, &b));
+    desc.trusted_folder = NULL, desc.trust_paths = 2;
+    INVALID(oc_build_create(c, &desc, &b));
+    CHECK(strstr(oc_last_error(), "oc_build_desc.trust_paths is 2"));
+    desc.trust_paths = 1, desc.reserved_2 = 1;
+    INVALID(oc_build_create(c, &desc, &b));
     CHECK(b == NULL);
     OK(oc_build_create(c, NULL, &b));
 

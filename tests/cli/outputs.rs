@@ -54,6 +54,47 @@ fn no_command_overwrites_its_input_by_any_name() {
     assert_eq!(fs::read_to_string(dir.join("b.obj")).unwrap(), OBJ);
 }
 
+/// Files that an input refers to, found only while it is read.
+#[test]
+fn a_build_overwrites_nothing_that_it_reads() {
+    let dir = with_model();
+    let dir = dir.path();
+    let library = "newmtl m\nKd 1 0 0\n";
+    fs::write(dir.join("b.obj"), format!("mtllib b.mtl\n{OBJ}")).unwrap();
+    fs::write(dir.join("b.mtl"), library).unwrap();
+    fs::hard_link(dir.join("b.mtl"), dir.join("hard.oc")).unwrap();
+    symlink("b.mtl", dir.join("soft.oc")).unwrap();
+    let before = names(dir);
+    for out in ["hard.oc", "soft.oc"] {
+        fails(dir, &["build", "b.obj", "-o", out], 2, &format!("the output {out} is the same file as the input b.mtl"));
+    }
+    assert_eq!((names(dir), fs::read_to_string(dir.join("b.mtl")).unwrap()), (before, library.to_owned()));
+}
+
+#[test]
+fn paths_out_of_the_folder_and_limits_are_options() {
+    let dir = with_model();
+    let dir = dir.path();
+    fs::create_dir(dir.join("sub")).unwrap();
+    fs::write(dir.join("b.mtl"), "newmtl m\nKd 1 0 0\n").unwrap();
+    fs::write(dir.join("sub/b.obj"), format!("mtllib ../b.mtl\nusemtl m\n{OBJ}")).unwrap();
+    let notes = |more: &[&str]| {
+        let built = json(dir, &[&["build", "sub/b.obj", "-o", "b.oc"], more].concat());
+        built["notes"].as_array().unwrap().iter().map(|note| note.to_string()).collect::<String>()
+    };
+    assert!(notes(&[]).contains("is outside of the folder of the file"), "{}", notes(&[]));
+    assert_eq!((notes(&["--trust-paths"]), notes(&["--trust-folder", "."])), (String::new(), String::new()));
+    assert!(notes(&["--trust-folder", "sub"]).contains("is outside"));
+    assert_eq!(
+        json(dir, &["build", "a.obj", "-o", "b.oc", "--max-triangles", "1", "--max-bytes", "1M"])["triangles_in"],
+        1
+    );
+    fs::write(dir.join("c.obj"), format!("{OBJ}f 3 2 1\n")).unwrap();
+    fails(dir, &["build", "c.obj", "-o", "c.oc", "--max-triangles", "1"], 1, "more than 1, the limit max_triangles");
+    fails(dir, &["build", "c.obj", "-o", "c.oc", "--max-bytes", "100"], 1, "more than 100, the limit max_bytes");
+    assert!(!dir.join("c.oc").exists());
+}
+
 #[test]
 fn links_stay_and_pipes_devices_and_folders_are_refused() {
     let dir = with_model();

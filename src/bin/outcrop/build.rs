@@ -4,7 +4,7 @@ use crate::common::{self, Outcome};
 use crate::output::Destination;
 use outcrop::base::progress::Progress;
 use outcrop::build::{BuildOptions, BuildReport, Builder, Splits, Structure};
-use outcrop::import::UpAxis;
+use outcrop::import::{Access, UpAxis};
 use serde_json::{Value, json};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -40,6 +40,20 @@ pub struct Args {
     /// The axis that points up, overriding the files
     #[arg(long, value_parser = ["x", "y", "z"])]
     up: Option<String>,
+    /// A folder of files that mesh files may refer to, besides the folder of each mesh file and those below it; may be
+    /// repeated
+    #[arg(long, value_name = "FOLDER")]
+    trust_folder: Vec<PathBuf>,
+    /// Mesh files may refer to any file, by absolute paths, `..` and links: only for files from a trusted source
+    #[arg(long)]
+    trust_paths: bool,
+    /// Greatest number of triangles of the input, with suffix K, M, G or T; more is an error. 0: no limit
+    #[arg(long, value_name = "N", default_value = "0", value_parser = common::count)]
+    max_triangles: u64,
+    /// Greatest number of bytes that the model and temporary files take on the disk, with suffix K, M, G or T; more is
+    /// an error. 0: no limit
+    #[arg(long, value_name = "BYTES", default_value = "0", value_parser = common::byte_size)]
+    max_bytes: u64,
     /// Print one JSON object
     #[arg(long)]
     json: bool,
@@ -62,6 +76,9 @@ pub fn run(args: &Args) -> Outcome {
             "y" => UpAxis::Y,
             _ => UpAxis::Z,
         }),
+        access: Access { folders: args.trust_folder.clone(), any: args.trust_paths, resolver: None },
+        max_triangles: args.max_triangles,
+        max_bytes: args.max_bytes,
     };
     let progress = Arc::new(Progress::default());
     let mut builder = Builder::new(options, Arc::clone(&progress), cancel)?;

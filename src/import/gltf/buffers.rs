@@ -1,12 +1,14 @@
 //! Bytes of buffers: in the GLB, in `data:` URIs, in files next to the document.
 
 use super::container::Document;
+use super::materials::too_large;
 use super::model::{Model, View};
 use super::uri;
 use crate::base::error::{Error, Place, Result};
 use crate::base::progress::Cancel;
-use crate::import::input::{Input, Parsed, Stamp};
-use std::path::{Path, PathBuf};
+use crate::import::access::Files;
+use crate::import::input::{Input, Parsed};
+use std::path::Path;
 
 /// Storage of a buffer's bytes.
 enum Bytes {
@@ -31,8 +33,7 @@ pub(crate) struct Buffers<'a> {
     input: &'a mut Input,
     binary: Option<(u64, u64)>,
     opened: Vec<Option<Bytes>>,
-    /// The files of buffers and pictures that were opened.
-    files: Vec<Stamp>,
+    files: &'a Files<'a>,
     cancel: Cancel,
     /// Number of bytes read so far. Progress reports limit it to the size of the file and its buffers.
     read: u64,
@@ -50,6 +51,10 @@ impl Range {
     pub(crate) fn len(&self) -> u64 {
         self.len
     }
+    /// Buffer, offset in it, and length.
+    pub(crate) fn place(&self) -> (usize, u64, u64) {
+        (self.buffer, self.offset, self.len)
+    }
     /// Returns the `len` bytes from `at`, if they are inside the range.
     pub(crate) fn part(&self, at: u64, len: u64) -> Option<Range> {
         let end = at.checked_add(len)?;
@@ -59,9 +64,9 @@ impl Range {
 
 impl<'a> Buffers<'a> {
     /// Creates the unopened buffers of a document. `cancel` is checked before each read.
-    pub(crate) fn new(input: &'a mut Input, document: &Document, cancel: Cancel) -> Self {
+    pub(crate) fn new(input: &'a mut Input, document: &Document, files: &'a Files<'a>, cancel: Cancel) -> Self {
         let opened = (0..document.model.buffers.len()).map(|_| None).collect();
-        Self { input, binary: document.binary, opened, files: Vec::new(), cancel, read: 0 }
+        Self { input, binary: document.binary, opened, files, cancel, read: 0 }
     }
 
     pub(crate) fn path(&self) -> &Path {
@@ -148,12 +153,15 @@ impl<'a> Buffers<'a> {
         Ok(len)
     }
 
-    /// Returns the bytes of an image's URI.
-    pub(crate) fn uri(&mut self, uri: &str) -> Parsed<Vec<u8>> {
+    /// Returns the bytes of an image's URI, if there are at most `most`.
+    pub(crate) fn uri(&mut self, uri: &str, most: u64) -> Parsed<Vec<u8>> {
         match uri::data(uri) {
             Some(bytes) => Ok(bytes?),
             None => {
                 let mut input = self.open_file(uri)?;
+                if input.total() > most {
+                    return Err(too_large(input.total(), most).into());
+                }
                 let mut bytes = vec![0; input.total() as usize];
                 if !input.read_range(0, &mut bytes)? {
                     return Err("the file became shorter while being read".into());
@@ -163,22 +171,14 @@ impl<'a> Buffers<'a> {
         }
     }
 
-    fn open_file(&mut self, uri: &str) -> Result<Input> {
-        let input = Input::open(&self.beside(uri)?)?;
-        self.files.push(input.stamp().clone());
-        Ok(input)
-    }
-
-    /// Fails if a file was changed since it was opened.
-    pub(crate) fn unchanged(&self) -> Result<()> {
-        self.files.iter().try_for_each(Stamp::unchanged)
-    }
-
-    /// Returns the path for a relative URI. Absolute paths and other schemes are errors.
-    fn beside(&self, uri: &str) -> Result<PathBuf> {
-        let shown: String = uri.chars().take(80).collect();
-        let refuse =
-            || Error::parse(self.path(), Place::File, format!("\"{shown}\" is not a path relative to the document"));
-        uri::file(self.path(), uri).ok_or_else(refuse)
+    /// Opens the file of a URI. Other schemes are errors, and so are absolute paths unless the build trusts them.
+    fn open_file(&self, uri: &str) -> Result<Input> {
+        let path = self.path();
+        self.files.open(uri.as_bytes(), path, || {
+            let shown: String = uri.chars().take(80).collect();
+            let refuse =
+                || Error::parse(path, Place::File, format!("\"{shown}\" is not a path relative to the document"));
+            uri::candidates(path, uri, self.files.trusts_more()).ok_or_else(refuse)
+        })
     }
 }

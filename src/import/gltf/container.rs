@@ -1,7 +1,10 @@
 //! The JSON document and the binary chunk of a GLB.
 
 use super::model::Model;
+use super::parse;
+use crate::base::account::Claim;
 use crate::base::error::{Error, Place, Result};
+use crate::base::progress::Cancel;
 use crate::import::input::Input;
 use serde_json::Value;
 
@@ -12,18 +15,29 @@ pub(crate) struct Document {
     pub(crate) binary: Option<(u64, u64)>,
     /// True if texts in the JSON are not UTF-8.
     pub(crate) has_other_texts: bool,
+    /// The memory of the document.
+    _claim: Claim,
 }
 
 const GLB_HEADER: u64 = 12;
 const CHUNK_HEADER: u64 = 8;
 
 /// Reads the document of a `.gltf` or `.glb` file.
-pub(crate) fn read(input: &mut Input) -> Result<Document> {
+pub(crate) fn read(input: &mut Input, mut claim: Claim, cancel: &Cancel) -> Result<Document> {
     let is_glb = input.peek(4)? == b"glTF";
     let (json, binary) = if is_glb { chunks(input)? } else { ((0, input.total()), None) };
+    let too_large = |claim: &Claim, input: &Input| {
+        claim.over(1.0, 0, format!("reading the JSON of {} ({} bytes)", input.path().display(), json.1))
+    };
+    if !claim.grow(json.1) {
+        return Err(too_large(&claim, input));
+    }
     let mut text = vec![0; json.1 as usize];
     if !input.read_range(json.0, &mut text)? {
         return Err(input.fault("the file ends inside its JSON"));
+    }
+    if !claim.grow(parsed_bytes(&text)) {
+        return Err(too_large(&claim, input));
     }
     let trimmed = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&text);
     // Some exporters fill the last bytes with zeros.
@@ -35,12 +49,22 @@ pub(crate) fn read(input: &mut Input) -> Result<Document> {
         (_, line) => Place::Line(line as u64),
     };
     let fail = |e| Error::parse(input.path(), place(&e), format!("not valid JSON: {e}"));
-    let mut value: Value = serde_json::from_str(&decoded).map_err(fail)?;
+    let parsed = parse::value(&decoded, cancel);
+    cancel.check()?;
+    let mut value = parsed.map_err(fail)?;
     let has_other_texts = matches!(decoded, std::borrow::Cow::Owned(_));
     drop(decoded);
     drop(text);
     is_gltf_2(&value).map_err(|why| Error::parse(input.path(), Place::File, why))?;
-    Ok(Document { model: Model::take(&mut value), binary, has_other_texts })
+    Ok(Document { model: Model::take(&mut value, cancel)?, binary, has_other_texts, _claim: claim })
+}
+
+/// Returns the approximate memory of parsed JSON: an object is a tree whose first node has room for eleven members, a
+/// list has room for four values.
+fn parsed_bytes(text: &[u8]) -> u64 {
+    let (object, list, value) = (650, 128, 48);
+    let brackets = memchr::memchr3_iter(b'{', b'[', b',', text);
+    brackets.map(|at| [object, list, value][usize::from(text[at] == b'[') + 2 * usize::from(text[at] == b',')]).sum()
 }
 
 /// Offset and length of the JSON chunk and of the binary chunk.

@@ -4,18 +4,18 @@
 //! default or its base colour.
 
 use super::buffers::Buffers;
-use super::model::{AlphaMode, Material, Model, TextureInfo};
+use super::model::{AlphaMode, Image, Material, Model, TextureInfo};
 use super::notes::Notes;
 use super::texture::{Alpha, Mapping, Texture, Wrap};
 use crate::base::error::{Error, Place};
+use crate::base::progress::Cancel;
 use crate::import::colour::unit;
 use crate::import::input::{Fault, Parsed};
-use crate::import::{MaterialDesc, MaterialKey, Sink};
-use std::collections::{HashMap, HashSet};
+use crate::import::pictures::{PictureId, Pictures};
+use crate::import::{MaterialDesc, MaterialKey, ReadOptions, Sink};
+use std::collections::HashMap;
 use std::rc::Rc;
-
-/// Number of decoded textures that are kept, with up to 40 MB each.
-const KEPT: usize = 8;
+use xxhash_rust::xxh3::xxh3_128;
 
 /// A declared material.
 #[derive(Clone)]
@@ -36,24 +36,32 @@ pub(crate) struct Painted {
     pub(crate) mapping: Mapping,
 }
 
-/// A decoded image, or `None` if it failed to decode.
-struct Decoded {
-    image: usize,
-    alpha: Alpha,
-    texture: Option<Rc<Texture>>,
+/// The source of a picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+enum Source {
+    /// Buffer, offset and length.
+    Range(usize, u64, u64),
+    /// Hash of the URI.
+    Uri(u128),
 }
 
 /// The document's materials and textures that were used so far.
-#[derive(Default)]
 pub(crate) struct Materials {
     known: HashMap<usize, Looks>,
-    /// Cache of images, most recently used last.
-    images: Vec<Decoded>,
-    /// Images with a note.
-    noted: HashSet<usize>,
+    pictures: Pictures,
+    /// The picture of each image that was used; `None` if it cannot be decoded.
+    images: HashMap<usize, Option<PictureId>>,
+    /// The picture of each source: several images may have the same.
+    sources: HashMap<Source, Option<PictureId>>,
 }
 
 impl Materials {
+    /// No materials yet.
+    pub(crate) fn new(options: &ReadOptions) -> Self {
+        let (images, sources) = (HashMap::new(), HashMap::new());
+        Self { known: HashMap::new(), pictures: Pictures::new(options, false), images, sources }
+    }
+
     /// Returns material `index`, and declares it at first use. A material that does not exist is noted.
     pub(crate) fn get(
         &mut self,
@@ -124,31 +132,45 @@ impl Materials {
         sink: &mut dyn Sink,
     ) -> Parsed<Option<Rc<Texture>>> {
         let image = model.textures.get(index).map(|texture| texture.image);
-        // Textures without an image share an entry of the cache.
+        // Textures without an image share an entry.
         let key = image.as_ref().ok().copied().flatten().unwrap_or(usize::MAX);
-        if let Some(at) = self.images.iter().position(|known| (known.image, known.alpha) == (key, alpha)) {
-            let entry = self.images.remove(at);
-            let texture = entry.texture.clone();
-            self.images.push(entry);
-            return Ok(texture);
-        }
-        let bytes = image.and_then(|image| image_bytes(image, model, buffers));
-        let texture = match bytes.and_then(|bytes| Ok(Texture::decode(&bytes, alpha)?)) {
-            Ok(texture) => Some(Rc::new(texture)),
-            Err(Fault::Failed(Error::Cancelled)) => return Err(Error::Cancelled.into()),
-            Err(fault) => {
-                if self.noted.insert(key) {
+        if !self.images.contains_key(&key) {
+            let picture = match image.and_then(|image| self.picture(image, model, buffers, sink.cancel())) {
+                Ok(picture) => picture,
+                Err(Fault::Failed(Error::Cancelled)) => return Err(Error::Cancelled.into()),
+                Err(fault) => {
                     let why = fault.at(buffers.path(), Place::File);
                     sink.note(format!("{why} (textures[{index}]); its materials have only their base colour"));
+                    None
                 }
-                None
-            }
-        };
-        if self.images.len() >= KEPT {
-            self.images.remove(0);
+            };
+            self.images.insert(key, picture);
         }
-        self.images.push(Decoded { image: key, alpha, texture: texture.clone() });
-        Ok(texture)
+        let picture = self.images.get(&key).copied().flatten();
+        Ok(picture.map(|picture| self.pictures.texture(picture, alpha)).transpose()?)
+    }
+
+    /// Returns the picture of an image. Returns `None` if another image has the same and it cannot be decoded.
+    fn picture(
+        &mut self,
+        image: Option<usize>,
+        model: &Model,
+        buffers: &mut Buffers<'_>,
+        cancel: &Cancel,
+    ) -> Parsed<Option<PictureId>> {
+        let Some(index) = image else {
+            return Err("a texture has no picture of a supported type".into());
+        };
+        let image = model.images.get(index)?;
+        let source = source(image, model, buffers)?;
+        if let Some(known) = self.sources.get(&source) {
+            return Ok(*known);
+        }
+        self.sources.insert(source, None);
+        let bytes = image_bytes(image, self.pictures.largest_file(), model, buffers)?;
+        let picture = self.pictures.add(&bytes, cancel)?;
+        self.sources.insert(source, Some(picture));
+        Ok(Some(picture))
     }
 }
 
@@ -162,7 +184,7 @@ fn painted(info: &TextureInfo, material: &Material, model: &Model) -> Painted {
         AlphaMode::Opaque => Alpha::Ignored,
         // The product of the texture's alpha and the factor's is compared with the cutoff.
         AlphaMode::Mask(cutoff) if cutoff <= 0.0 => Alpha::Ignored,
-        AlphaMode::Mask(cutoff) => Alpha::Cut((cutoff / material.factor[3].max(0.0)) as f32),
+        AlphaMode::Mask(cutoff) => Alpha::cut((cutoff / material.factor[3].max(0.0)) as f32),
         AlphaMode::Blend => Alpha::Opacity,
     };
     let mapping = Mapping {
@@ -174,19 +196,34 @@ fn painted(info: &TextureInfo, material: &Material, model: &Model) -> Painted {
     Painted { texture: info.texture, alpha, set: info.set, mapping }
 }
 
-fn image_bytes(image: Option<usize>, model: &Model, buffers: &mut Buffers<'_>) -> Parsed<Vec<u8>> {
-    let Some(index) = image else {
-        return Err("a texture has no picture of a supported type".into());
-    };
-    let image = model.images.get(index)?;
+fn source(image: &Image, model: &Model, buffers: &mut Buffers<'_>) -> Parsed<Source> {
+    match (image.view, &image.uri) {
+        (Some(view), _) => {
+            let (buffer, offset, len) = buffers.view(model, view)?.0.place();
+            Ok(Source::Range(buffer, offset, len))
+        }
+        (None, Some(uri)) => Ok(Source::Uri(xxh3_128(uri.as_bytes()))),
+        (None, None) => Err("a picture has neither a buffer view nor a URI".into()),
+    }
+}
+
+/// Returns the encoded bytes of an image, if there are at most `most`.
+fn image_bytes(image: &Image, most: u64, model: &Model, buffers: &mut Buffers<'_>) -> Parsed<Vec<u8>> {
     match (image.view, &image.uri) {
         (Some(view), _) => {
             let (range, _) = buffers.view(model, view)?;
+            if range.len() > most {
+                return Err(too_large(range.len(), most).into());
+            }
             let mut bytes = vec![0; range.len() as usize];
             buffers.read(range, &mut bytes)?;
             Ok(bytes)
         }
-        (None, Some(uri)) => buffers.uri(uri),
-        (None, None) => Err("a picture has neither a buffer view nor a URI".into()),
+        (None, uri) => buffers.uri(uri.as_deref().unwrap_or_default(), most),
     }
+}
+
+/// The reason why a picture file is not read.
+pub(super) fn too_large(bytes: u64, most: u64) -> String {
+    format!("a picture file of {bytes} bytes is larger than the {most} bytes that the memory budget leaves")
 }

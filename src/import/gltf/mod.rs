@@ -26,6 +26,7 @@ mod json;
 mod materials;
 mod model;
 mod notes;
+mod parse;
 mod pose;
 mod primitive;
 mod scene;
@@ -34,10 +35,11 @@ mod uri;
 #[cfg(test)]
 mod tests;
 
+use super::access::Files;
 use super::input::{Fault, Input, Parsed};
 use super::texture;
 use super::{MeshKey, PartDesc, PartKey, Sink, UpAxis};
-use crate::base::error::{Error, Place, Result};
+use crate::base::error::{Place, Result};
 use buffers::Buffers;
 use glam::DAffine3;
 use materials::Materials;
@@ -49,31 +51,26 @@ use scene::Placed;
 use std::collections::{HashMap, HashSet};
 
 /// Reads a glTF or GLB file from its beginning.
-pub(crate) fn read(input: &mut Input, sink: &mut dyn Sink) -> Result<()> {
-    let document = container::read(input)?;
+pub(crate) fn read(input: &mut Input, files: &Files<'_>, sink: &mut dyn Sink) -> Result<()> {
+    let document = container::read(input, files.options.account.claim(), sink.cancel())?;
     let path = input.path().to_path_buf();
     let mut notes = Notes::default();
     if document.has_other_texts {
         notes.add("file has texts that are not UTF-8, which are shown with replacement characters", String::new);
     }
     let model = &document.model;
-    let placed = extensions::check(model).and_then(|()| scene::placed(model, &mut notes));
+    let placed = extensions::check(model).and_then(|()| scene::placed(model, &mut notes, sink.cancel()));
     let placed = placed.map_err(|fault| fault.at(&path, Place::File))?;
     sink.units(Some(1.0), UpAxis::Y);
     let mut reader = Reader {
         model,
         placed: &placed,
-        materials: Materials::default(),
+        materials: Materials::new(files.options),
         skins: Skins::default(),
         instances: HashMap::new(),
-        emitter: Emitter::new(model, Buffers::new(input, &document, sink.cancel().clone()), notes),
+        emitter: Emitter::new(model, Buffers::new(input, &document, files, sink.cancel().clone()), notes),
     };
-    let outcome = reader.read(sink).map_err(|fault| fault.at(&path, Place::File));
-    // A file that changes may also look invalid; the change is the better reason.
-    if matches!(outcome, Ok(()) | Err(Error::Parse { .. })) {
-        reader.emitter.buffers().unchanged()?;
-    }
-    outcome
+    reader.read(sink).map_err(|fault| fault.at(&path, Place::File))
 }
 
 /// Adds the name of the object in which an error arose.
@@ -126,6 +123,7 @@ impl<'a> Reader<'a> {
         let mut own: Vec<PartKey> = Vec::with_capacity(self.placed.len());
         let mut first = Vec::with_capacity(self.placed.len());
         for placed in self.placed {
+            sink.cancel().check()?;
             let primitives = match placed.mesh {
                 Some(mesh) => &self.model.meshes.get(mesh)?.primitives[..],
                 None => &[],

@@ -7,6 +7,8 @@
 
 use super::json::{self, Read};
 use super::texture::Wrap;
+use crate::base::error::Error;
+use crate::base::progress::Cancel;
 use crate::import::input::Parsed;
 use glam::{DAffine3, DMat3, DQuat, DVec3, Vec2};
 use serde_json::Value;
@@ -40,13 +42,23 @@ pub(crate) struct List<T> {
 
 impl<T> List<T> {
     /// Takes a list out of the document. A missing list is empty.
-    fn take(root: &mut Value, name: &'static str, read: impl Fn(&Value) -> Read<T>) -> Self {
+    fn take(
+        root: &mut Value,
+        name: &'static str,
+        cancel: &Cancel,
+        read: impl Fn(&Value) -> Read<T>,
+    ) -> Result<Self, Error> {
         let items = match root.get_mut(name).map(Value::take) {
             Some(Value::Array(items)) => items,
             _ => Vec::new(),
         };
+        let mut list = Vec::with_capacity(items.len());
         // Each value is dropped as soon as it was read.
-        Self { name, items: items.into_iter().map(|value| read(&value).map_err(String::into_boxed_str)).collect() }
+        for value in items {
+            cancel.check()?;
+            list.push(read(&value).map_err(String::into_boxed_str));
+        }
+        Ok(Self { name, items: list })
     }
 
     pub(crate) fn len(&self) -> usize {
@@ -212,25 +224,25 @@ pub(crate) struct Image {
 
 impl Model {
     /// Takes all used objects out of a document.
-    pub(crate) fn take(root: &mut Value) -> Self {
+    pub(crate) fn take(root: &mut Value, cancel: &Cancel) -> Result<Self, Error> {
         let texts = json::items(root, "extensionsRequired").iter().filter_map(Value::as_str);
         let extensions_required = texts.map(Box::from).collect();
-        Self {
+        Ok(Self {
             scene: json::index(root, "scene").unwrap_or(None),
             animations: json::items(root, "animations").len(),
             extensions_required,
-            scenes: List::take(root, "scenes", |v| json::indices(v, "nodes")),
-            nodes: List::take(root, "nodes", node),
-            meshes: List::take(root, "meshes", |v| Ok(mesh(v))),
-            skins: List::take(root, "skins", skin),
-            accessors: List::take(root, "accessors", accessor),
-            views: List::take(root, "bufferViews", view),
-            buffers: List::take(root, "buffers", buffer),
-            materials: List::take(root, "materials", |v| Ok(material(v))),
-            textures: List::take(root, "textures", |v| Ok(texture(v))),
-            samplers: List::take(root, "samplers", |v| Ok([wrap(v, "wrapS"), wrap(v, "wrapT")])),
-            images: List::take(root, "images", image),
-        }
+            scenes: List::take(root, "scenes", cancel, |v| json::indices(v, "nodes"))?,
+            nodes: List::take(root, "nodes", cancel, node)?,
+            meshes: List::take(root, "meshes", cancel, |v| Ok(mesh(v)))?,
+            skins: List::take(root, "skins", cancel, skin)?,
+            accessors: List::take(root, "accessors", cancel, accessor)?,
+            views: List::take(root, "bufferViews", cancel, view)?,
+            buffers: List::take(root, "buffers", cancel, buffer)?,
+            materials: List::take(root, "materials", cancel, |v| Ok(material(v)))?,
+            textures: List::take(root, "textures", cancel, |v| Ok(texture(v)))?,
+            samplers: List::take(root, "samplers", cancel, |v| Ok([wrap(v, "wrapS"), wrap(v, "wrapT")]))?,
+            images: List::take(root, "images", cancel, image)?,
+        })
     }
 }
 

@@ -2,6 +2,7 @@
 
 use super::model::{Model, Node};
 use super::notes::Notes;
+use crate::base::progress::Cancel;
 use crate::import::input::Parsed;
 use glam::{DAffine3, DVec3};
 use std::collections::HashMap;
@@ -21,11 +22,12 @@ pub(crate) struct Placed {
 ///
 /// A node that is reached twice is an error, also without a cycle: a graph with shared nodes can expand to an
 /// exponentially large tree.
-pub(crate) fn placed(model: &Model, notes: &mut Notes) -> Parsed<Vec<Placed>> {
+pub(crate) fn placed(model: &Model, notes: &mut Notes, cancel: &Cancel) -> Parsed<Vec<Placed>> {
     let mut all: Vec<Placed> = Vec::new();
     let mut seen = vec![false; model.nodes.len()];
     let mut todo: Vec<(usize, Option<usize>)> = roots(model)?.into_iter().rev().map(|n| (n, None)).collect();
     while let Some((index, parent)) = todo.pop() {
+        cancel.check()?;
         let node = model.nodes.get(index)?;
         if std::mem::replace(&mut seen[index], true) {
             let ancestors = std::iter::successors(parent, |&p| all[p].parent);

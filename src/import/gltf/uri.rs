@@ -1,5 +1,6 @@
 //! URIs of buffers and images: data in the URI itself, or a path relative to the document.
 
+use crate::import::access::Candidates;
 use base64::Engine as _;
 use base64::alphabet::STANDARD;
 use base64::engine::general_purpose::{GeneralPurpose, NO_PAD};
@@ -31,24 +32,25 @@ pub(crate) fn data(uri: &str) -> Option<Result<Vec<u8>, String>> {
     Some(BASE64.decode(digits.collect::<Vec<u8>>()).map_err(|e| format!("an invalid data URI: {e}")))
 }
 
-/// Returns the file that a URI relative to `document` refers to; `None` for absolute paths and other schemes.
+/// Returns the files that a URI in `document` may refer to; `None` for other schemes, and for absolute paths unless
+/// `absolute` allows these.
 ///
 /// Some exporters write names without percent codes. A file that has the name as it is written is therefore found too,
 /// if there is none with the decoded name.
-pub(crate) fn file(document: &Path, uri: &str) -> Option<PathBuf> {
+pub(crate) fn candidates(document: &Path, uri: &str, absolute: bool) -> Option<Candidates<'static>> {
     let folder = document.parent().unwrap_or(Path::new(""));
-    let decoded = path(percent_decoded(uri));
-    let as_written = path(uri.as_bytes().to_vec());
-    if uri.is_empty() || decoded.is_absolute() || as_written.is_absolute() {
+    let both = [path(percent_decoded(uri)), path(uri.as_bytes().to_vec())];
+    if uri.is_empty() || !absolute && both.iter().any(|path| path.is_absolute()) {
         return None;
     }
-    let (decoded, as_written) = (folder.join(decoded), folder.join(as_written));
-    if as_written.is_file() && !decoded.is_file() {
-        return Some(as_written);
-    }
+    let both = both.map(|path| folder.join(path));
     // A colon in the first segment ends a scheme, unless it is coded, or there is such a file.
     let has_scheme = uri.split(['/', '\\']).next().is_some_and(|first| first.contains(':'));
-    (!has_scheme || decoded.is_file()).then_some(decoded)
+    if has_scheme && !both.iter().any(|path| path.is_file()) {
+        return None;
+    }
+    let expected = both[0].clone();
+    Some(Candidates { paths: Box::new(both.into_iter()), expected })
 }
 
 /// Returns a path of bytes, in which `\` also separates folders.
@@ -93,6 +95,12 @@ mod tests {
         }
         assert!(data("data:;base64,AA!A").unwrap().unwrap_err().contains("invalid data URI"));
         assert_eq!((data("a.bin"), data("database:a.bin"), data("data")), (None, None, None));
+    }
+
+    /// The first of the files that exists, or the one that is expected.
+    fn file(document: &Path, uri: &str) -> Option<PathBuf> {
+        let Candidates { mut paths, expected } = candidates(document, uri, false)?;
+        Some(paths.find(|path| path.is_file()).unwrap_or(expected))
     }
 
     #[test]

@@ -33,8 +33,8 @@ const SILENT: [&[u8]; 15] = [
     b"shadow_obj",
 ];
 
-struct Reader<'a> {
-    parts: &'a mut Parts,
+struct Reader<'a, 'f> {
+    parts: &'a mut Parts<'f>,
     positions: Vec<[f64; 3]>,
     /// Linear colours: either empty or as many as `positions`. NaN marks a vertex without a colour.
     colours: Vec<[f32; 3]>,
@@ -62,7 +62,7 @@ struct Corner {
 }
 
 /// Reads the whole file from its beginning; the triangles go to `parts`.
-pub(crate) fn read(input: &mut Input, parts: &mut Parts, sink: &mut dyn Sink) -> Result<()> {
+pub(crate) fn read(input: &mut Input, parts: &mut Parts<'_>, sink: &mut dyn Sink) -> Result<()> {
     let mut reader = Reader {
         coordinates: parts.have_textures().then(Vec::new),
         parts,
@@ -96,7 +96,7 @@ pub(crate) fn read(input: &mut Input, parts: &mut Parts, sink: &mut dyn Sink) ->
     Ok(())
 }
 
-impl Reader<'_> {
+impl Reader<'_, '_> {
     #[inline]
     fn line(&mut self, line: &[u8], number: u64, sink: &mut dyn Sink) -> Parsed<()> {
         match line {
@@ -185,7 +185,7 @@ impl Reader<'_> {
             self.batch.aim(MeshKey::DIRECT, target.part, target.colour, sink)?;
             self.texture = None;
             if let Some(painted) = target.texture {
-                self.texture = Some((painted, self.parts.textures.get(painted.used.index)?));
+                self.texture = Some((painted, self.parts.textures.get(&painted.used)?));
             }
             self.runs += 1;
             self.in_run = true;

@@ -34,14 +34,15 @@ mod tests;
 mod text_tests;
 
 use super::Sink;
+use super::access::Files;
 use super::input::Input;
 use crate::base::error::Result;
 
 /// Reads an OBJ file from its beginning.
-pub(crate) fn read(input: &mut Input, sink: &mut dyn Sink) -> Result<()> {
-    let survey = survey::read(input, sink)?;
-    let mut parts = parts::declare(input.path(), &survey, sink)?;
+pub(crate) fn read(input: &mut Input, files: &Files<'_>, sink: &mut dyn Sink) -> Result<()> {
+    let survey = survey::read(input, files.options.account.claim(), sink)?;
+    let mut parts = parts::declare(input.path(), files, &survey, sink)?;
+    drop(survey);
     input.seek(0, 0)?;
-    geometry::read(input, &mut parts, sink)?;
-    parts.unchanged()
+    geometry::read(input, &mut parts, sink)
 }

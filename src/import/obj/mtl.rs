@@ -4,9 +4,10 @@ use super::beside;
 use super::lines::Lines;
 use super::textures::Map;
 use crate::base::error::{Error, Result};
+use crate::import::access::Files;
 use crate::import::colour::unit;
 use crate::import::ignored::Ignored;
-use crate::import::input::{Input, Stamp};
+use crate::import::input::Input;
 use crate::import::{MaterialDesc, Sink, text};
 use std::collections::HashMap;
 use std::path::Path;
@@ -31,28 +32,33 @@ pub(crate) struct Material {
 #[derive(Default)]
 pub(crate) struct Libraries {
     materials: HashMap<Vec<u8>, Material>,
-    /// The libraries that were read.
-    pub(crate) opened: Vec<Stamp>,
 }
 
 impl Libraries {
     /// Adds the materials of an `mtllib` line in the OBJ file at `obj`: one library with spaces in its name, or
     /// several. A library that cannot be read adds a note.
-    pub(crate) fn read(&mut self, obj: &Path, line: &[u8], sink: &mut dyn Sink) -> Result<()> {
-        if let Some(whole) = beside::find(obj, line) {
-            return self.try_file(obj, &whole, sink);
-        }
+    pub(crate) fn read(&mut self, obj: &Path, line: &[u8], files: &Files<'_>, sink: &mut dyn Sink) -> Result<()> {
         let mut rest = text::name_before_comment(line).unwrap_or(line);
-        while let Some(name) = text::word(&mut rest) {
+        let words: Vec<&[u8]> = std::iter::from_fn(|| text::word(&mut rest)).collect();
+        if let [only] = words[..] {
+            let library = files.open(beside::plain(only), obj, || Ok(beside::candidates(obj, line)));
+            return self.try_file(obj, library, sink);
+        }
+        // The whole line first: it may be one name with spaces.
+        match files.open(beside::plain(line), obj, || Ok(beside::candidates(obj, line))) {
+            Err(Error::Cancelled) => return Err(Error::Cancelled),
+            Err(_) => {}
+            whole => return self.try_file(obj, whole, sink),
+        }
+        for name in words {
             sink.cancel().check()?;
-            let path = beside::find(obj, name).unwrap_or_else(|| beside::expected(obj, name));
-            self.try_file(obj, &path, sink)?;
+            self.try_file(obj, files.open(name, obj, || Ok(beside::candidates(obj, name))), sink)?;
         }
         Ok(())
     }
 
-    fn try_file(&mut self, obj: &Path, path: &Path, sink: &mut dyn Sink) -> Result<()> {
-        match self.read_file(path, sink) {
+    fn try_file(&mut self, obj: &Path, library: Result<Input>, sink: &mut dyn Sink) -> Result<()> {
+        match library.and_then(|input| self.read_file(input, sink)) {
             Err(Error::Cancelled) => Err(Error::Cancelled),
             Err(error) => {
                 sink.note(format!("{}: a material library could not be read: {error}", obj.display()));
@@ -67,9 +73,8 @@ impl Libraries {
         self.materials.get(name).or_else(|| self.materials.get(text::name_before_comment(name)?))
     }
 
-    fn read_file(&mut self, path: &Path, sink: &mut dyn Sink) -> Result<()> {
-        let mut input = Input::open(path)?;
-        self.opened.push(input.stamp().clone());
+    fn read_file(&mut self, mut input: Input, sink: &mut dyn Sink) -> Result<()> {
+        let path = input.path().to_path_buf();
         let mut lines = Lines::default();
         let mut draft: Option<Draft> = None;
         let mut ignored = Ignored::default();
@@ -85,14 +90,14 @@ impl Libraries {
                 }
                 Some(keyword) if !keyword.starts_with(b"#") => {
                     if let Some(draft) = &mut draft {
-                        draft.property(keyword, rest, path, &mut |kind| ignored.add(kind, number));
+                        draft.property(keyword, rest, &path, &mut |kind| ignored.add(kind, number));
                     }
                 }
                 _ => {}
             }
         }
         self.finish(draft, &mut ignored);
-        ignored.note(path, sink);
+        ignored.note(&path, sink);
         Ok(())
     }
 

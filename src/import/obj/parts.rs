@@ -4,7 +4,8 @@ use super::mtl::{Libraries, Material};
 use super::survey::Survey;
 use super::textures::{Textures, Used};
 use crate::base::error::Result;
-use crate::import::input::Stamp;
+use crate::base::progress::Cancel;
+use crate::import::access::Files;
 use crate::import::{MaterialDesc, MaterialKey, PartDesc, PartKey, Sink, stem, text};
 use std::collections::{BTreeSet, HashMap};
 use std::path::Path;
@@ -25,14 +26,13 @@ pub(crate) struct Painted {
 }
 
 /// The targets of all runs of faces, in file order.
-pub(crate) struct Parts {
+pub(crate) struct Parts<'a> {
     uses: Vec<Target>,
     runs: Vec<u32>,
-    pub(crate) textures: Textures,
-    libraries: Vec<Stamp>,
+    pub(crate) textures: Textures<'a>,
 }
 
-impl Parts {
+impl Parts<'_> {
     /// Returns the target of run `n`, if the first reading found that run.
     pub(crate) fn run(&self, n: usize) -> Option<Target> {
         self.uses.get(*self.runs.get(n)? as usize).copied()
@@ -42,20 +42,20 @@ impl Parts {
     pub(crate) fn have_textures(&self) -> bool {
         self.uses.iter().any(|target| target.texture.is_some())
     }
-
-    /// Fails if a library or a picture was changed since it was opened.
-    pub(crate) fn unchanged(&self) -> Result<()> {
-        self.libraries.iter().chain(&self.textures.opened).try_for_each(Stamp::unchanged)
-    }
 }
 
 /// Declares the materials that are used, and a part for each object, group and combination of group and material.
-pub(crate) fn declare(path: &Path, survey: &Survey, sink: &mut dyn Sink) -> Result<Parts> {
+pub(crate) fn declare<'a>(
+    path: &Path,
+    files: &'a Files<'a>,
+    survey: &Survey,
+    sink: &mut dyn Sink,
+) -> Result<Parts<'a>> {
     let mut libraries = Libraries::default();
     for library in &survey.libraries.items {
-        libraries.read(path, library, sink)?;
+        libraries.read(path, library, files, sink)?;
     }
-    let mut textures = Textures::default();
+    let mut textures = Textures::new(files);
     let looks = materials(path, survey, &libraries, &mut textures, sink)?;
     textures.note(path, sink);
     let mut of_group: Vec<Vec<usize>> = vec![Vec::new(); survey.groups.items.len()];
@@ -66,9 +66,10 @@ pub(crate) fn declare(path: &Path, survey: &Survey, sink: &mut dyn Sink) -> Resu
     let plain = Target { part: 0, colour: MaterialDesc::default().colour, texture: None };
     let mut uses = vec![plain; survey.uses.items.len()];
     for group in 0..survey.groups.items.len() {
+        sink.cancel().check()?;
         declaration.group(path, group, &mut uses, sink)?;
     }
-    Ok(Parts { uses, runs: survey.runs.clone(), textures, libraries: libraries.opened })
+    Ok(Parts { uses, runs: survey.runs.clone(), textures })
 }
 
 /// State while the parts are declared.
@@ -153,17 +154,17 @@ fn materials(
     path: &Path,
     survey: &Survey,
     libraries: &Libraries,
-    textures: &mut Textures,
+    textures: &mut Textures<'_>,
     sink: &mut dyn Sink,
 ) -> Result<HashMap<u32, Looks>> {
     let mut declared = HashMap::new();
     let mut missing = BTreeSet::new();
     for &(_, material) in &survey.uses.items {
+        sink.cancel().check()?;
         let Some(material) = material.filter(|m| !declared.contains_key(m)) else { continue };
         match libraries.get(&survey.names.items[material as usize]) {
             Some(found) => {
-                sink.cancel().check()?;
-                let (desc, texture) = painted(found, textures);
+                let (desc, texture) = painted(found, textures, sink.cancel())?;
                 declared.insert(material, Looks { key: sink.material(desc)?, colour: desc.colour, texture });
             }
             None => {
@@ -185,18 +186,22 @@ fn materials(
 ///
 /// `Kd` is a factor of the texture's colours. `Kd 0 0 0` would hide the texture: programs write it for materials that
 /// have no colour of their own.
-fn painted(material: &Material, textures: &mut Textures) -> (MaterialDesc, Option<Painted>) {
+fn painted(
+    material: &Material,
+    textures: &mut Textures<'_>,
+    cancel: &Cancel,
+) -> Result<(MaterialDesc, Option<Painted>)> {
     let mut looks = material.looks;
-    let Some(map) = &material.map else { return (looks, None) };
+    let Some(map) = &material.map else { return Ok((looks, None)) };
     let factor = material.factor.filter(|&factor| factor != [0.0; 3]);
-    let Some((used, texture)) = textures.add(map) else {
+    let Some((used, texture)) = textures.add(map, cancel)? else {
         if factor.is_none() {
             looks.colour = MaterialDesc::default().colour;
         }
-        return (looks, None);
+        return Ok((looks, None));
     };
     let factor = factor.unwrap_or([1.0; 3]);
     let mean = texture.mean_of_all().unwrap_or([1.0; 3]);
     looks.colour = std::array::from_fn(|i| factor[i] * mean[i]);
-    (looks, Some(Painted { used, factor }))
+    Ok((looks, Some(Painted { used, factor })))
 }

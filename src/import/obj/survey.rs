@@ -1,6 +1,7 @@
 //! The first reading of an OBJ file: its objects, groups and materials, and their use by faces.
 
 use super::lines::Lines;
+use crate::base::account::Claim;
 use crate::base::error::Result;
 use crate::import::Sink;
 use crate::import::input::Input;
@@ -49,16 +50,24 @@ pub(crate) struct Survey {
     pub(crate) runs: Vec<u32>,
     /// Library names of the `mtllib` lines.
     pub(crate) libraries: Ordered<Vec<u8>>,
+    /// Sum of the lengths of all names.
+    name_bytes: u64,
+    /// The memory of the survey, and of the declaration of parts that follows it.
+    claim: Claim,
+    claimed: u64,
 }
 
 /// Reads the whole file from its beginning.
-pub(crate) fn read(input: &mut Input, sink: &mut dyn Sink) -> Result<Survey> {
+pub(crate) fn read(input: &mut Input, claim: Claim, sink: &mut dyn Sink) -> Result<Survey> {
     let mut survey = Survey {
         names: Ordered::new(),
         groups: Ordered::new(),
         uses: Ordered::new(),
         runs: Vec::new(),
         libraries: Ordered::new(),
+        name_bytes: 0,
+        claim,
+        claimed: 0,
     };
     let mut group: Group = (None, None);
     let mut material = None;
@@ -71,7 +80,9 @@ pub(crate) fn read(input: &mut Input, sink: &mut dyn Sink) -> Result<Survey> {
             sink.cancel().check()?;
         }
         let Some(line) = lines.next(input)? else { break };
-        match keyword(line) {
+        let keyword = keyword(line);
+        let has_grown = !matches!(keyword, Keyword::Face | Keyword::Other) || !in_run;
+        match keyword {
             Keyword::Face if !in_run => {
                 let group = survey.groups.place(group);
                 survey.runs.push(survey.uses.place((group, material)));
@@ -82,7 +93,7 @@ pub(crate) fn read(input: &mut Input, sink: &mut dyn Sink) -> Result<Survey> {
                 in_run = false;
             }
             Keyword::Group(name) => {
-                group.1 = Some(survey.names.place(if name.is_empty() { b"default".to_vec() } else { name.to_vec() }));
+                group.1 = survey.name(if name.is_empty() { b"default" } else { name });
                 in_run = false;
             }
             Keyword::Material(name) => {
@@ -91,8 +102,14 @@ pub(crate) fn read(input: &mut Input, sink: &mut dyn Sink) -> Result<Survey> {
             }
             Keyword::Library(name) => {
                 survey.libraries.place(name.to_vec());
+                survey.name_bytes += name.len() as u64;
             }
             Keyword::Face | Keyword::Other => {}
+        }
+        if has_grown && !survey.fits() {
+            let done = input.offset() as f64 / input.total().max(1) as f64;
+            let what = format!("reading the names and groups of {}", input.path().display());
+            return Err(survey.claim.over(done, survey.parts_bytes(), what));
         }
     }
     Ok(survey)
@@ -100,7 +117,30 @@ pub(crate) fn read(input: &mut Input, sink: &mut dyn Sink) -> Result<Survey> {
 
 impl Survey {
     fn name(&mut self, name: &[u8]) -> Option<u32> {
-        (!name.is_empty()).then(|| self.names.place(name.to_vec()))
+        if name.is_empty() {
+            return None;
+        }
+        let (before, index) = (self.names.items.len(), self.names.place(name.to_vec()));
+        if self.names.items.len() > before {
+            self.name_bytes += name.len() as u64;
+        }
+        Some(index)
+    }
+
+    /// Memory of the parts in the sink, about: one for each group and each material of a group, with their names.
+    fn parts_bytes(&self) -> u64 {
+        2 * self.name_bytes + 350 * (self.groups.items.len() + self.uses.items.len()) as u64
+    }
+
+    /// Counts the memory so far. Returns `false` if it does not fit.
+    fn fits(&mut self) -> bool {
+        // Bytes of each in its list, its index, and in the declaration of parts. Names are in two lists.
+        let each = [(self.names.items.len(), 160), (self.groups.items.len(), 140), (self.uses.items.len(), 180)];
+        let each = each.into_iter().chain([(self.runs.len(), 10), (self.libraries.items.len(), 160)]);
+        let bytes = 2 * self.name_bytes + each.map(|(count, bytes)| count as u64 * bytes).sum::<u64>();
+        let more = bytes - self.claimed;
+        self.claimed = bytes;
+        self.claim.grow(more)
     }
 }
 

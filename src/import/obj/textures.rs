@@ -3,18 +3,16 @@
 use super::beside;
 use super::mtl::next_number;
 use crate::base::error::{Error, Place, Result};
+use crate::base::progress::Cancel;
 use crate::import::Sink;
-use crate::import::input::{Input, Stamp};
+use crate::import::access::Files;
+use crate::import::pictures::{PictureId, Pictures};
 use crate::import::text;
-use crate::import::texture::{self, Alpha, Mapping, Texture, Wrap};
+use crate::import::texture::{Alpha, Mapping, Texture, Wrap};
 use glam::Vec2;
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
-
-/// Decoded textures that are kept, in bytes; a large one has 21 MiB.
-const KEPT: usize = 256 << 20;
-/// Largest picture file, in bytes.
-const MAX_FILE: u64 = 1 << 30;
 
 /// A statement `map_Kd`.
 #[derive(Clone)]
@@ -72,90 +70,94 @@ fn vector(rest: &mut &[u8], or: Vec2) -> Vec2 {
 }
 
 /// The pictures of a file's materials.
-#[derive(Default)]
-pub(crate) struct Textures {
-    /// Pictures that can be decoded, and if their alpha is opacity.
-    known: Vec<(PathBuf, bool)>,
-    /// Decoded pictures by index, most recently used last.
-    kept: Vec<(usize, Rc<Texture>)>,
-    /// Picture files that were read.
-    pub(crate) opened: Vec<Stamp>,
-    /// Indices of pictures that cannot be used, and the first reason.
-    failed: Vec<usize>,
+pub(crate) struct Textures<'a> {
+    files: &'a Files<'a>,
+    pictures: Pictures,
+    /// The picture that a name in a library means; `None` if it cannot be used.
+    names: HashMap<(PathBuf, Vec<u8>), Option<PictureId>>,
+    /// The picture in a file: several names may mean the same.
+    paths: HashMap<PathBuf, PictureId>,
+    /// Number of pictures that cannot be used, and the first reason.
+    failed: usize,
     reason: Option<Error>,
 }
 
-/// A picture by its index in [`Textures`], and the mapping of its coordinates.
+/// A picture, the use of its alpha channel, and the mapping of its coordinates.
 #[derive(Clone, Copy)]
 pub(crate) struct Used {
-    pub(crate) index: usize,
+    picture: PictureId,
+    alpha: Alpha,
     pub(crate) mapping: Mapping,
 }
 
-impl Textures {
-    /// Decodes the picture of a material. Returns `None` if it cannot be used.
-    pub(crate) fn add(&mut self, map: &Map) -> Option<(Used, Rc<Texture>)> {
-        let path = beside::find(&map.library, &map.name);
-        let key = (path.unwrap_or_else(|| beside::expected(&map.library, &map.name)), map.alpha);
-        let index = self.known.iter().position(|known| *known == key).unwrap_or_else(|| {
-            self.known.push(key);
-            self.known.len() - 1
-        });
-        if self.failed.contains(&index) {
-            return None;
-        }
-        match self.get(index) {
-            Ok(texture) => Some((Used { index, mapping: map.mapping }, texture)),
-            Err(error) => {
-                self.failed.push(index);
-                self.reason.get_or_insert(error);
-                None
+impl<'a> Textures<'a> {
+    pub(crate) fn new(files: &'a Files<'a>) -> Self {
+        // OBJ coordinates begin at the lowest row.
+        let pictures = Pictures::new(files.options, true);
+        Self { files, pictures, names: HashMap::new(), paths: HashMap::new(), failed: 0, reason: None }
+    }
+
+    /// Decodes the picture of a material. Returns `None` if it cannot be used. Fails only if the work was cancelled.
+    pub(crate) fn add(&mut self, map: &Map, cancel: &Cancel) -> Result<Option<(Used, Rc<Texture>)>> {
+        // Without an opacity texture in the material the alpha channel has no meaning.
+        let alpha = if map.alpha { Alpha::Opacity } else { Alpha::Ignored };
+        let key = (map.library.clone(), map.name.clone());
+        let picture = match self.names.get(&key) {
+            Some(known) => *known,
+            None => {
+                let picture = match self.picture(map, cancel) {
+                    Err(Error::Cancelled) => return Err(Error::Cancelled),
+                    Err(error) => {
+                        self.failed += 1;
+                        self.reason.get_or_insert(error);
+                        None
+                    }
+                    Ok(picture) => Some(picture),
+                };
+                self.names.insert(key, picture);
+                picture
             }
+        };
+        let Some(picture) = picture else { return Ok(None) };
+        let used = Used { picture, alpha, mapping: map.mapping };
+        Ok(Some((used, self.get(&used)?)))
+    }
+
+    /// Opens and decodes the picture of a material.
+    fn picture(&mut self, map: &Map, cancel: &Cancel) -> Result<PictureId> {
+        let candidates = || Ok(beside::candidates(&map.library, &map.name));
+        let mut input = self.files.open(beside::plain(&map.name), &map.library, candidates)?;
+        let path = input.path().to_path_buf();
+        let fail = |why: String| Error::parse(&path, Place::File, why);
+        let is_file = input.stamp().is_file();
+        if let Some(&known) = self.paths.get(&path).filter(|_| is_file) {
+            return Ok(known);
         }
+        let (total, most) = (input.total(), self.pictures.largest_file());
+        if total > most {
+            return Err(fail(format!("is a picture of {total} bytes, more than the {most} that may be read")));
+        }
+        let mut bytes = vec![0; total as usize];
+        if !input.read_range(0, &mut bytes)? {
+            return Err(fail("became shorter while being read".into()));
+        }
+        let picture = self.pictures.add(&bytes, cancel).map_err(|fault| fault.at(&path, Place::File))?;
+        if is_file {
+            self.paths.insert(path, picture);
+        }
+        Ok(picture)
     }
 
     /// Adds a note about pictures that cannot be used.
     pub(crate) fn note(&self, obj: &Path, sink: &mut dyn Sink) {
         if let Some(reason) = &self.reason {
-            let (file, n) = (obj.display(), self.failed.len());
+            let (file, n) = (obj.display(), self.failed);
             sink.note(format!("{file}: {n} textures were left out, and their materials have one colour: {reason}"));
         }
     }
 
-    /// Returns a picture, and decodes it if necessary.
-    pub(crate) fn get(&mut self, index: usize) -> Result<Rc<Texture>> {
-        if let Some(at) = self.kept.iter().position(|(i, _)| *i == index) {
-            let entry = self.kept.remove(at);
-            let texture = Rc::clone(&entry.1);
-            self.kept.push(entry);
-            return Ok(texture);
-        }
-        let (path, alpha) = &self.known[index];
-        let mut input = Input::open(path)?;
-        if !self.opened.contains(input.stamp()) {
-            self.opened.push(input.stamp().clone());
-        }
-        let texture = Rc::new(decode(&mut input, *alpha)?);
-        self.kept.push((index, Rc::clone(&texture)));
-        while self.kept.len() > 1 && self.kept.iter().map(|(_, t)| t.bytes()).sum::<usize>() > KEPT {
-            self.kept.remove(0);
-        }
-        Ok(texture)
+    /// Returns the texture of a picture.
+    pub(crate) fn get(&mut self, used: &Used) -> Result<Rc<Texture>> {
+        self.pictures.texture(used.picture, used.alpha)
     }
-}
-
-/// Decodes a picture. Its rows are stored from the bottom up, because OBJ coordinates begin there. Without an opacity
-/// texture in the material the alpha channel has no meaning.
-fn decode(input: &mut Input, alpha: bool) -> Result<Texture> {
-    let fail = |input: &Input, why: String| Error::parse(input.path(), Place::File, why);
-    if input.total() > MAX_FILE {
-        return Err(fail(input, format!("is larger than {MAX_FILE} bytes")));
-    }
-    let mut bytes = vec![0; input.total() as usize];
-    if !input.read_range(0, &mut bytes)? {
-        return Err(fail(input, "became shorter while being read".into()));
-    }
-    let mut picture = texture::picture(&bytes).map_err(|why| fail(input, why))?;
-    image::imageops::flip_vertical_in_place(&mut picture);
-    Ok(Texture::of(picture, if alpha { Alpha::Opacity } else { Alpha::Ignored }))
 }

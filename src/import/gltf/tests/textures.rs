@@ -1,5 +1,7 @@
 use super::*;
-use crate::import::gltf::texture::{Mapping, Texture, Wrap};
+use crate::import::decode::DECODED;
+use crate::import::gltf::texture::{Alpha, Mapping, Texture, Wrap};
+use crate::import::picture::Reducer;
 use glam::Vec2;
 
 pub(super) fn png(width: u32, height: u32, rgba: &[u8]) -> Vec<u8> {
@@ -96,9 +98,9 @@ fn large_triangles_take_the_mean_of_the_whole_picture() {
     .take(64 * 64 * 4)
     .collect();
     let opaque: Vec<u8> = rgba.iter().enumerate().map(|(i, &b)| if i % 4 == 3 { 255 } else { b }).collect();
-    let texture = Texture::new(64, 64, &opaque);
+    let many = texture(64, &opaque);
     let mapping = mapping();
-    let mean = |size: f32| texture.mean([Vec2::ZERO, Vec2::new(size, 0.0), Vec2::new(0.0, size)], &mapping).unwrap();
+    let mean = |size: f32| many.mean([Vec2::ZERO, Vec2::new(size, 0.0), Vec2::new(0.0, size)], &mapping).unwrap();
     let texel = |p: &[u8]| crate::import::colour::linear_bytes([p[0], p[1], p[2]]);
     let linear = |c: usize| opaque.chunks(4).map(|p| texel(p)[c]).sum::<f32>() / (64.0 * 64.0);
     for c in 0..3 {
@@ -107,11 +109,68 @@ fn large_triangles_take_the_mean_of_the_whole_picture() {
     // A tiny triangle takes one texel.
     assert!((0..3).all(|c| (mean(0.001)[c] - texel(&opaque)[c]).abs() < 1e-6));
     // Transparent texels add no colour, and a fully transparent area has none.
-    let half = Texture::new(2, 1, &[200, 10, 10, 255, 0, 255, 0, 0]);
+    let half = texture(2, &[200, 10, 10, 255, 0, 255, 0, 0]);
     let whole = half.mean([Vec2::ZERO, Vec2::new(2.0, 0.0), Vec2::new(0.0, 2.0)], &mapping).unwrap();
     assert!((whole[0] - texel(&[200, 0, 0])[0]).abs() < 1e-6, "{whole:?}");
-    assert_eq!(Texture::new(1, 1, &[1, 2, 3, 0]).mean([Vec2::ZERO; 3], &mapping), None);
+    assert_eq!(texture(1, &[1, 2, 3, 0]).mean([Vec2::ZERO; 3], &mapping), None);
     assert!(half.mean([Vec2::NAN, Vec2::INFINITY, Vec2::splat(-1e30)], &mapping).is_some());
+}
+
+/// Many images, textures and materials, with every use of alpha, of one picture: in one buffer view, in views with the
+/// same bytes, in one URI.
+#[test]
+fn a_picture_is_decoded_once() {
+    let picture = png(2, 1, &[255, 0, 0, 255, 0, 128, 255, 100]);
+    let mut document = textured(&picture);
+    let view = document.json["images"][0]["bufferView"].clone();
+    let same = document.json["bufferViews"][view.as_u64().unwrap() as usize].clone();
+    let views = document.json["bufferViews"].as_array_mut().unwrap();
+    views.push(same);
+    let again = views.len() - 1;
+    let images: Vec<Value> =
+        (0..32).map(|i| json!({ "bufferView": if i % 2 == 0 { view.clone() } else { json!(again) } })).collect();
+    let textures: Vec<Value> = (0..32).map(|i| json!({ "source": i })).collect();
+    let material = |i: usize| {
+        let (mode, cutoff) = (["OPAQUE", "MASK", "BLEND"][i % 3], i as f64 / 40.0);
+        json!({
+            "pbrMetallicRoughness": { "baseColorTexture": { "index": i }, "metallicRoughnessTexture": { "index": i } },
+            "alphaMode": mode, "alphaCutoff": cutoff,
+        })
+    };
+    let primitive = document.json["meshes"][0]["primitives"][0].clone();
+    let with = |i: usize| {
+        let mut primitive = primitive.clone();
+        primitive["material"] = json!(i);
+        primitive
+    };
+    document.json["meshes"][0]["primitives"] = (0..32).map(with).collect();
+    (document.json["images"], document.json["textures"]) = (images.into(), textures.into());
+    document.json["materials"] = (0..32).map(material).collect();
+    let before = DECODED.get();
+    let sink = document.read();
+    assert_eq!((DECODED.get() - before, sink.received, sink.materials.len()), (1, 64, 32));
+    assert!(sink.direct().iter().all(|t| t.colour.is_some()));
+    let uri = format!("data:image/png;base64,{}", base64::engine::general_purpose::STANDARD.encode(&picture));
+    document.json["images"] = (0..32).map(|_| json!({ "uri": uri })).collect();
+    let before = DECODED.get();
+    document.read();
+    assert_eq!(DECODED.get() - before, 1);
+    // One that cannot be decoded is noted once for each image, and tried once.
+    document.json["images"] = (0..32).map(|_| json!({ "uri": "data:,nothing" })).collect();
+    let before = DECODED.get();
+    let sink = document.read();
+    assert_eq!((DECODED.get() - before, sink.received), (1, 64));
+    assert!(sink.notes[0].contains("cannot be read"), "{:?}", sink.notes);
+}
+
+/// Returns the texture of rows of `width` pixels with opacities.
+fn texture(width: usize, rgba: &[u8]) -> Texture {
+    let (pixels, height) = (rgba.as_chunks().0, rgba.len() / 4 / width);
+    let mut reducer = Reducer::new(width as u32, height as u32, false).unwrap();
+    for (y, row) in pixels.chunks(width).enumerate() {
+        reducer.row(y as u32, (0, 1), row.iter().copied());
+    }
+    Texture::of(&reducer.finish(), Alpha::Opacity)
 }
 
 fn mapping() -> Mapping {
