@@ -1,6 +1,6 @@
-//! The system fails at each of its calls in turn: opens, reads, writes, syncs, renames and starts of threads, of a small
-//! build, an open, queries and a picture. Each time the result is an error or the right answer, the old file is whole,
-//! nothing is left behind, and everything ends. In a process of its own: it replaces functions of the C library.
+//! The system fails at each of its calls in turn: opens, reads, writes, syncs, renames and starts of threads, of a
+//! small build, an open, queries and a picture. Each time the result is an error or the right answer, the old file is
+//! whole, nothing is left behind, and everything ends. In a process of its own: it replaces functions of the C library.
 #![cfg(target_os = "linux")]
 
 mod common;

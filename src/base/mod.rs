@@ -8,6 +8,7 @@ pub mod ids;
 pub mod memory;
 pub mod output;
 pub mod progress;
+pub mod reserve;
 mod round;
 #[cfg(test)]
 mod round_tests;

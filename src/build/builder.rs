@@ -9,6 +9,7 @@ use super::{BuildOptions, Splits};
 use crate::base::error::{Error, Result};
 use crate::base::memory;
 use crate::base::progress::{Cancel, Phase, Progress};
+use crate::base::reserve;
 use crate::base::scratch::{Scratch, ScratchSpace};
 use crate::base::threads;
 use crate::import::{self, MaterialDesc, MaterialKey, MeshKey, PartDesc, PartKey, ReadOptions, Sink, UpAxis};
@@ -260,22 +261,24 @@ impl Sink for Builder {
             return Err(Error::bad_argument("triangles: a model must have fewer than 2^32 - 1 triangles"));
         }
         let before = spool.bytes();
-        for (i, corners) in positions.iter().enumerate() {
+        let pushed = positions.iter().enumerate().try_for_each(|(i, corners)| {
             let prim = (self.triangles_in + i as u64) as u32;
-            if corners.iter().all(|c| c.is_finite()) {
-                let colour = colours.map(|c| {
-                    let [r, g, b] = c[i].map(srgb::level);
-                    [r, g, b, 255]
-                });
-                spool.push(corners, part, prim, colour);
-            } else {
+            if !corners.iter().all(|c| c.is_finite()) {
                 self.non_finite += 1;
+                return Ok(());
             }
-        }
+            let colour = colours.map(|c| {
+                let [r, g, b] = c[i].map(srgb::level);
+                [r, g, b, 255]
+            });
+            spool.push(corners, part, prim, colour)
+        });
         self.in_memory += spool.bytes() - before;
         self.triangles_in += positions.len() as u64;
         self.progress.enter(Phase::Read);
         self.progress.triangles.store(self.triangles_in, Relaxed);
+        pushed?;
+        reserve::check()?;
         self.spill()
     }
 

@@ -8,6 +8,7 @@ use super::sections::{InstanceRow, MaterialRow, PartRow, Tables, TreeRow};
 use crate::base::bytes::Malformed;
 use crate::base::error::{Error, Result};
 use crate::base::ids::BlockId;
+use crate::base::memory;
 use crate::base::output::{Medium, OutputFile};
 use std::path::Path;
 use xxhash_rust::xxh3::xxh3_64;
@@ -38,7 +39,7 @@ impl Writer {
     }
 
     fn through(medium: Box<dyn Medium>) -> Result<Self> {
-        let buffer = Vec::with_capacity(BUFFER_LEN);
+        let buffer = memory::room(BUFFER_LEN, "writing a model")?;
         let mut writer = Self { medium, buffer, at: 0, rows: Vec::new(), failed: false };
         // The content of the header is known last. Until then the file begins with zeros and is not a valid model.
         writer.append(&[0; HEADER_LEN])?;
@@ -141,6 +142,7 @@ impl Writer {
         if self.failed {
             return Err(Error::BadState("writing the model failed before".into()));
         }
+        memory::make_room(&mut self.buffer, bytes.len(), "writing a model")?;
         self.buffer.extend_from_slice(bytes);
         self.at += bytes.len() as u64;
         if self.buffer.len() >= BUFFER_LEN { self.flush() } else { Ok(()) }
