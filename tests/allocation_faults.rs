@@ -78,12 +78,11 @@ unsafe impl GlobalAlloc for Failing {
         if fails(layout.size()) { std::ptr::null_mut() } else { unsafe { System.alloc_zeroed(layout) } }
     }
     unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
-        // SAFETY: the caller's promise.
         if size > layout.size() && fails(size) {
-            std::ptr::null_mut()
-        } else {
-            unsafe { System.realloc(pointer, layout, size) }
+            return std::ptr::null_mut();
         }
+        // SAFETY: the caller's promise.
+        unsafe { System.realloc(pointer, layout, size) }
     }
 }
 

@@ -132,9 +132,8 @@ pub unsafe extern "C" fn write(fd: c_int, buffer: *const c_void, len: size_t) ->
     let written = unsafe { libc::syscall(libc::SYS_write, fd, buffer, len) as ssize_t };
     if fd > 2 && written > 0 && at >= 0 {
         // SAFETY: the caller's promise: as many bytes were readable.
-        record(|| {
-            Event::Write(fd, at as u64, unsafe { std::slice::from_raw_parts(buffer.cast(), written as usize) }.to_vec())
-        });
+        let bytes: &[u8] = unsafe { std::slice::from_raw_parts(buffer.cast(), written as usize) };
+        record(|| Event::Write(fd, at as u64, bytes.to_vec()));
     }
     written
 }
