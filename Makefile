@@ -6,6 +6,7 @@
 # make charts   draws the results into tests/bench/charts; measures the benchmarks that have no result of this version (some 25 minutes for all);
 #               FULL=1: all benchmarks; KEEP=1: uses results of other versions too
 # make bench-expect  writes the expected answers of the benchmarks, after an intended change; ONLY=name: of one benchmark
+# make fuzz MINUTES=n  runs each fuzz target n minutes under AddressSanitizer (a nightly toolchain is needed); ONLY="names": only these
 # make notices writes THIRD_PARTY.txt, the licences of the crates that are linked, after a change of Cargo.lock
 # make header generates include/outcrop.h from src/capi
 #
@@ -18,7 +19,7 @@ PREFIX := $(CURDIR)/$(BUILD)/prefix
 # Triangles of the demo's airliner.
 TRIANGLES ?= 2000000
 
-.PHONY: help setup test lint unit package examples ctest demo contact-sheet figures bench bench-expect charts header notices clean
+.PHONY: help setup test lint unit package examples ctest demo contact-sheet figures bench bench-expect charts fuzz header notices clean
 
 help:
 	@sed -n 's/^# \(make .*\)/\1/p' Makefile
@@ -72,6 +73,10 @@ charts: setup
 
 bench-expect: setup
 	$(BENCH) expect $(if $(ONLY),--only $(ONLY),--full)
+
+MINUTES ?= 1
+fuzz: setup
+	@sh tests/fuzz/run.sh $(MINUTES) $(ONLY)
 
 header:
 	OUTCROP_WRITE_HEADER=1 $(CARGO) test --locked --test c_abi -- --exact abi_header::header_is_up_to_date

@@ -1007,11 +1007,14 @@ typedef struct oc_pixels {
 #define OC_STATUS_IO 500
 
 /**
- * The machine: the system refused a large allocation (a picture, the tree of a build). oc_last_error names its purpose
- * and size. Nothing changed, or the state is that after any other error.
+ * The machine: the system refused memory. oc_last_error names its purpose and size. Nothing changed, or the state is
+ * that after any other error.
  *
- * Exception: the process ends, as Rust programs do, if the system refuses a small allocation, or memory for triangles
- * that are pushed or read without a budget.
+ * Allocations of up to 4 MiB that the system refuses come from a reserve of 32 MiB in the library. The reserve takes
+ * memory only while it is used. While more than half of it is taken and the system still refuses memory, builds,
+ * loads, queries and frames end with this status, and return what they took. Larger allocations fail by themselves.
+ * Exceptions, in which the process ends: many threads take the rest of the reserve between two steps of their work;
+ * the lists of parts, names and vertices of mesh files grow beyond 4 MiB.
  */
 #define OC_STATUS_OUT_OF_MEMORY 501
 

@@ -18,6 +18,11 @@ pub fn room<T>(count: usize, what: &str) -> Result<Vec<T>> {
     Ok(all)
 }
 
+/// Makes room in a vector for `more` elements, and for as many as it has if it grows. Fails like [`zeroed`].
+pub fn make_room<T>(all: &mut Vec<T>, more: usize, what: &str) -> Result<()> {
+    all.try_reserve(more).map_err(|_| refused::<T>(all.len().saturating_add(more), what))
+}
+
 fn refused<T>(count: usize, what: &str) -> Error {
     Error::NoMemory { what: what.into(), bytes: (count as u64).saturating_mul(size_of::<T>() as u64) }
 }

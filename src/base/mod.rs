@@ -12,6 +12,7 @@ pub mod memory;
 pub mod output;
 pub mod progress;
 pub mod quota;
+pub mod reserve;
 mod round;
 #[cfg(test)]
 mod round_tests;

@@ -1,6 +1,7 @@
 //! Progress and cancellation of long work, shared between the worker and its observers.
 
 use super::error::{Error, Result};
+use super::reserve;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering::Relaxed};
 
@@ -21,9 +22,10 @@ impl Cancel {
     pub fn is_cancelled(&self) -> bool {
         self.0.load(Relaxed)
     }
-    /// Fails with [`Error::Cancelled`] once cancelled. Long loops call this at least every 50 ms.
+    /// Fails with [`Error::Cancelled`] once cancelled, and with [`Error::NoMemory`] if the system refuses memory (see
+    /// [`reserve::check`]). Long loops call this at least every 50 ms.
     pub fn check(&self) -> Result<()> {
-        if self.is_cancelled() { Err(Error::Cancelled) } else { Ok(()) }
+        if self.is_cancelled() { Err(Error::Cancelled) } else { reserve::check() }
     }
 }
 

@@ -8,6 +8,7 @@
 use super::error::{Error, Result};
 use super::handle::{Handle, WakeFn};
 use super::inside_read::refuse_inside_read;
+use super::reserve;
 use super::round::Round;
 use std::any::Any;
 use std::cell::{Cell, RefCell};
@@ -282,7 +283,7 @@ impl Pool {
             (self.shared.around)(&mut || {
                 let rounds = caught(|| {
                     while items > 0 {
-                        (0..items).try_for_each(|item| work.run(item))?;
+                        (0..items).try_for_each(|item| reserve::check().and_then(|()| work.run(item)))?;
                         items = work.round_done()?;
                     }
                     Ok(())
@@ -469,7 +470,7 @@ impl Shared {
     }
 
     fn run_item(self: &Arc<Self>, job: &Arc<Inner>, round: &Round, item: usize) {
-        if let Err(error) = caught(|| job.work.get().run(item)) {
+        if let Err(error) = caught(|| reserve::check().and_then(|()| job.work.get().run(item))) {
             job.handle.lock().failure.get_or_insert(error);
             // The item of this thread is not completed yet, so draining cannot end the round.
             let _ = round.drain();

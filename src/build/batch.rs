@@ -2,6 +2,7 @@
 
 use super::coding;
 use crate::base::error::{Error, Result};
+use crate::base::memory;
 use crate::base::scratch::Scratch;
 use glam::{DVec3, Vec3};
 
@@ -51,6 +52,19 @@ pub struct Batch {
 }
 
 impl Batch {
+    /// Makes room for so many more triangles, and for the colours of all if they have any. Fails with `NoMemory`.
+    pub fn make_room(&mut self, triangles: usize, coloured: bool) -> Result<()> {
+        let what = "the triangles of the input";
+        let colours = if coloured { self.parts.len() + triangles - self.colours.len() } else { 0 };
+        match &mut self.positions {
+            Positions::Single(p) => memory::make_room(p, triangles, what)?,
+            Positions::Double(p) => memory::make_room(p, triangles, what)?,
+        }
+        memory::make_room(&mut self.parts, triangles, what)?;
+        memory::make_room(&mut self.prims, triangles, what)?;
+        memory::make_room(&mut self.colours, colours, what)
+    }
+
     /// Number of bytes of memory.
     pub fn bytes(&self) -> u64 {
         let positions = match &self.positions {

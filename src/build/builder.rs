@@ -12,6 +12,7 @@ use crate::base::inputs::Inputs;
 use crate::base::memory;
 use crate::base::progress::{Cancel, Phase, Progress};
 use crate::base::quota::Quota;
+use crate::base::reserve;
 use crate::base::scratch::{Scratch, ScratchSpace};
 use crate::base::threads;
 use crate::import::{self, MaterialDesc, MaterialKey, MeshKey, PartDesc, PartKey, ReadOptions, Sink, UpAxis};
@@ -268,7 +269,7 @@ fn in_pool<T: Send>(threads: usize, work: impl FnOnce(usize) -> Result<T> + Send
         return work(1);
     }
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).thread_name(|i| format!("outcrop-build-{i}"));
-    let pool = pool.build().map_err(|e| Error::Internal(format!("cannot start threads: {e}")))?;
+    let pool = pool.build().map_err(|e| Error::io("build thread", "start", std::io::Error::other(e)))?;
     pool.install(|| work(threads))
 }
 
@@ -366,22 +367,24 @@ impl Sink for Builder {
             return Err(Error::bad_argument("triangles: a model must have fewer than 2^32 - 1 triangles"));
         }
         let before = spool.bytes();
-        for (i, corners) in positions.iter().enumerate() {
+        let pushed = positions.iter().enumerate().try_for_each(|(i, corners)| {
             let prim = (self.triangles_in + i as u64) as u32;
-            if corners.iter().all(|c| c.is_finite()) {
-                let colour = colours.map(|c| {
-                    let [r, g, b] = c[i].map(srgb::level);
-                    [r, g, b, 255]
-                });
-                spool.push(corners, part, prim, colour);
-            } else {
+            if !corners.iter().all(|c| c.is_finite()) {
                 self.non_finite += 1;
+                return Ok(());
             }
-        }
+            let colour = colours.map(|c| {
+                let [r, g, b] = c[i].map(srgb::level);
+                [r, g, b, 255]
+            });
+            spool.push(corners, part, prim, colour)
+        });
         self.in_memory += spool.bytes() - before;
         self.triangles_in += positions.len() as u64;
         self.progress.enter(Phase::Read);
         self.progress.triangles.store(self.triangles_in, Relaxed);
+        pushed?;
+        reserve::check()?;
         self.spill()
     }
 

@@ -254,7 +254,7 @@ mod tests {
             for i in 0..count {
                 let (at, high) = (DVec3::X * (i % 1000) as f64, if stays(i) { 1.0 } else { 0.0 });
                 let colour = coloured.then_some([i as u8, (i >> 8) as u8, (i >> 16) as u8, 255]);
-                spool.push(&[at, at + DVec3::Y, at + DVec3::Z * high], i as u32 % 5, i as u32, colour);
+                spool.push(&[at, at + DVec3::Y, at + DVec3::Z * high], i as u32 % 5, i as u32, colour).expect("room");
             }
             let placed = place(spool, None, &Par { threads }, &Cancel::new()).expect("in memory");
             let expected: Vec<usize> = (0..count).filter(|i| stays(*i)).collect();

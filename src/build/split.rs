@@ -279,12 +279,12 @@ impl Splitter<'_> {
                 let colour = batch.colours.get(i).filter(|c| c[3] != 0).copied();
                 let is_copy = mesh.copies.contains_key(&prim);
                 if stays {
-                    taken.push(&corners, part, prim, colour);
+                    taken.push(&corners, part, prim, colour)?;
                     is_copy.then(|| taken.copies.insert(prim, part));
                 }
                 if is_left {
                     let corners = if stays { on_both(corners, shared, origin) } else { corners };
-                    left.push(&corners, part, prim, colour);
+                    left.push(&corners, part, prim, colour)?;
                     (is_copy || stays).then(|| left.copies.insert(prim, part));
                 }
             }

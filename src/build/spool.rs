@@ -57,50 +57,50 @@ impl Spool {
         self.full + self.kept.last().map_or(0, Batch::bytes)
     }
 
-    /// Adds a triangle whose corners are finite.
-    pub fn push(&mut self, corners: &[DVec3; 3], part: u32, prim: u32, colour: Option<[u8; 4]>) {
+    /// Adds a triangle whose corners are finite. Fails with `NoMemory`; then it is not added.
+    pub fn push(&mut self, corners: &[DVec3; 3], part: u32, prim: u32, colour: Option<[u8; 4]>) -> Result<()> {
         let single = corners.map(|c| c.as_vec3());
         let exact = corners.iter().zip(&single).all(|(d, s)| s.as_dvec3() == *d);
-        if !origin::is_too_large(corners) {
-            self.bounds = corners.iter().fold(self.bounds, |b, &c| b.with(c));
-            self.is_single &= exact;
-        }
-        self.triangles += 1;
         let room = self
             .kept
             .last()
             .is_some_and(|c| c.parts.len() < BATCH && matches!(c.positions, Positions::Single(_)) == exact);
         if !room {
             self.full = self.bytes();
-            self.kept.push(self.next_batch(exact));
+            self.kept.push(self.next_batch(exact)?);
         }
-        let Some(batch) = self.kept.last_mut() else { return };
+        let Some(batch) = self.kept.last_mut() else { return Ok(()) };
+        // The triangles of the batch before the first coloured one have no colour.
+        let is_coloured = colour.is_some() || !batch.colours.is_empty();
+        batch.make_room(1, is_coloured)?;
+        if !origin::is_too_large(corners) {
+            self.bounds = corners.iter().fold(self.bounds, |b, &c| b.with(c));
+            self.is_single &= exact;
+        }
+        self.triangles += 1;
         match &mut batch.positions {
             Positions::Single(p) => p.push(single),
             Positions::Double(p) => p.push(*corners),
         }
-        if colour.is_some() || !batch.colours.is_empty() {
-            // The triangles of the batch before the first coloured one have no colour.
+        if is_coloured {
             batch.colours.resize(batch.parts.len(), [0; 4]);
             batch.colours.push(colour.unwrap_or([0; 4]));
             self.has_colours = true;
         }
         batch.parts.push(part);
         batch.prims.push(prim);
+        Ok(())
     }
 
     /// Returns an empty batch with as much room as the last one has triangles. Most meshes are small, but a mesh that
     /// has filled one batch will mostly fill the next.
-    fn next_batch(&self, exact: bool) -> Batch {
+    fn next_batch(&self, exact: bool) -> Result<Batch> {
         let last = self.kept.last().map_or(0, |b| b.parts.len());
         let room = if last == 0 && !self.spilled.is_empty() { BATCH } else { last };
-        let positions = if exact {
-            Positions::Single(Vec::with_capacity(room))
-        } else {
-            Positions::Double(Vec::with_capacity(room))
-        };
-        let (parts, prims) = (Vec::with_capacity(room), Vec::with_capacity(room));
-        Batch { positions, parts, prims, colours: Vec::new() }
+        let positions = if exact { Positions::Single(Vec::new()) } else { Positions::Double(Vec::new()) };
+        let mut batch = Batch { positions, parts: Vec::new(), prims: Vec::new(), colours: Vec::new() };
+        batch.make_room(room, false)?;
+        Ok(batch)
     }
 
     /// Moves all triangles in memory to the scratch file.

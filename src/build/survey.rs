@@ -4,6 +4,7 @@
 use super::batch::Batch;
 use super::origin::{self, Fates};
 use crate::base::error::Result;
+use crate::base::memory;
 use crate::base::progress::Cancel;
 use crate::math::Bounds;
 use crate::structure::Par;
@@ -132,7 +133,7 @@ pub fn survey(source: &dyn Batches, par: &Par, cancel: &Cancel, mut seen: impl F
         for found in found {
             let found = found?;
             before += found.fates.kept + found.fates.degenerate + found.fates.out_of_range;
-            all.add(found);
+            all.add(found)?;
         }
         seen(before);
     }
@@ -160,10 +161,12 @@ fn look(batch: &Batch, origin: DVec3, grid: &Grid, step: usize) -> Found {
 }
 
 impl Survey {
-    fn add(&mut self, found: Found) {
+    fn add(&mut self, found: Found) -> Result<()> {
+        memory::make_room(&mut self.samples, found.samples.len(), "samples of the triangles")?;
         self.fates = self.fates.and(&found.fates);
         found.parts.into_iter().for_each(|(part, of)| of.add_to(&mut self.parts, part));
         found.cells.iter().for_each(|&cell| self.histogram[cell as usize] += 1);
         self.samples.extend(found.samples);
+        Ok(())
     }
 }

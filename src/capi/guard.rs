@@ -48,6 +48,7 @@ pub(crate) fn status_of(error: &Error) -> (oc_status, u64) {
         Error::OverBudget { need, .. } => return (OC_STATUS_OVER_BUDGET, *need),
         Error::OverLimit { .. } => OC_STATUS_OVER_LIMIT,
         Error::Cancelled => OC_STATUS_CANCELLED,
+        Error::Io { source, .. } if source.kind() == std::io::ErrorKind::OutOfMemory => OC_STATUS_OUT_OF_MEMORY,
         Error::Io { .. } => OC_STATUS_IO,
         Error::NoMemory { .. } => OC_STATUS_OUT_OF_MEMORY,
         Error::Internal(_) => OC_STATUS_INTERNAL,

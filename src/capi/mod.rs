@@ -6,6 +6,8 @@
 //! `handles` the reference counts.
 #![allow(non_camel_case_types)]
 
+#[cfg(feature = "reserve")]
+mod allocator;
 pub(crate) mod background;
 pub mod build;
 pub mod contents;

@@ -3,6 +3,7 @@
 use super::codec::{Codec, EncodedBlock};
 use super::writer::Writer;
 use crate::base::error::Result;
+use crate::base::memory;
 use crate::base::progress::Cancel;
 use crate::base::scratch::{Scratch, ScratchSpace};
 use std::sync::Arc;
@@ -53,6 +54,7 @@ impl Aside {
     }
 
     fn add(&mut self, stored: &[u8]) -> Result<()> {
+        memory::make_room(&mut self.buffer, stored.len(), "encoded blocks")?;
         self.buffer.extend_from_slice(stored);
         if self.buffer.len() > self.limit {
             let file = match self.file.take() {
@@ -76,6 +78,8 @@ impl Aside {
             let (mut at, mut piece) = (0, Vec::new());
             while at < file.len() {
                 let (count, len) = first_piece(rest, file.len() - at);
+                let more = len.saturating_sub(piece.len());
+                memory::make_room(&mut piece, more, "encoded blocks")?;
                 piece.resize(len, 0);
                 file.read_at(at, &mut piece)?;
                 self.add(&piece)?;
@@ -95,6 +99,8 @@ impl Aside {
             let (mut at, mut piece) = (0, Vec::new());
             while at < file.len() {
                 let (count, len) = first_piece(rest, file.len() - at);
+                let more = len.saturating_sub(piece.len());
+                memory::make_room(&mut piece, more, "encoded blocks")?;
                 piece.resize(len, 0);
                 file.read_at(at, &mut piece)?;
                 let (now, later) = rest.split_at(count);

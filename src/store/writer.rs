@@ -10,6 +10,7 @@ use crate::base::bytes::Malformed;
 use crate::base::error::{Error, Result};
 use crate::base::ids::BlockId;
 use crate::base::inputs::Inputs;
+use crate::base::memory;
 use crate::base::output::{Medium, OutputFile};
 use crate::base::quota::Quota;
 use std::path::Path;
@@ -48,7 +49,7 @@ impl Writer {
     }
 
     fn through(medium: Box<dyn Medium>) -> Result<Self> {
-        let buffer = Vec::with_capacity(BUFFER_LEN);
+        let buffer = memory::room(BUFFER_LEN, "writing a model")?;
         let (rows, part_sets) = (Vec::new(), PartSets::default());
         let mut writer = Self { medium, buffer, at: 0, rows, part_sets, failed: false };
         // The content of the header is known last. Until then the file begins with zeros and is not a valid model.
@@ -166,6 +167,7 @@ impl Writer {
         if self.failed {
             return Err(Error::BadState("writing the model failed before".into()));
         }
+        memory::make_room(&mut self.buffer, bytes.len(), "writing a model")?;
         self.buffer.extend_from_slice(bytes);
         self.at += bytes.len() as u64;
         if self.buffer.len() >= BUFFER_LEN { self.flush() } else { Ok(()) }

@@ -39,7 +39,7 @@ fn marked(
     let prims: Vec<u32> = (0..triangles.len() as u32).collect();
     let input = TreeInput { triangles, parts: &parts, prims: &prims, colours: &[], part_colours: &[] };
     let par = Par { threads };
-    let mut refs = refs::make(triangles, 0.5, &par);
+    let mut refs = refs::make(triangles, 0.5, &par).expect("room");
     let (progress, free) = (Progress::default(), Cancel::new());
     let built = tree::build(input, &mut refs, 0.0, &par, &Stretch::new(&progress, &free, (0.0, 1.0))).expect("a tree");
     let mut pieces = vec![InnerNode::over(built.children, tree::Place::Above)];

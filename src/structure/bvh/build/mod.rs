@@ -60,7 +60,7 @@ pub struct Top {
 impl<'a> Chunk<'a> {
     /// Builds the tree of `input`, which must not be empty. With `is_whole` the input is the whole mesh.
     ///
-    /// Fails only with [`crate::Error::Cancelled`].
+    /// Fails only with [`crate::Error::Cancelled`] and [`crate::Error::NoMemory`].
     pub fn build(
         input: TreeInput<'a>,
         options: &TreeOptions,
@@ -68,7 +68,7 @@ impl<'a> Chunk<'a> {
         par: &Par,
         stretch: &Stretch,
     ) -> Result<BuiltChunk<Chunk<'a>, Top>> {
-        let mut refs = refs::make(input.triangles, options.split_budget, par);
+        let mut refs = refs::make(input.triangles, options.split_budget, par)?;
         stretch.check()?;
         let (tree, marks) = (stretch.part(0.0, 0.5, input.triangles.len() as u64), stretch.part(0.5, 1.0, 1));
         let tree::Built { children, bounds, counts } =

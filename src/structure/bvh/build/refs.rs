@@ -1,5 +1,6 @@
 //! References: the boxes that the builder sorts, one or more for each triangle.
 
+use crate::base::error::Result;
 use crate::math::Bounds;
 use crate::structure::par::Par;
 use glam::{Vec3, Vec4};
@@ -40,10 +41,11 @@ impl Ref {
     }
 }
 
-/// Creates one reference for each triangle, followed by room for `spare` times as many more.
-pub fn make(triangles: &[[Vec3; 3]], spare: f32, par: &Par) -> Vec<Ref> {
+/// Creates one reference for each triangle, followed by room for `spare` times as many more. Fails with `NoMemory`.
+pub fn make(triangles: &[[Vec3; 3]], spare: f32, par: &Par) -> Result<Vec<Ref>> {
     let room = (triangles.len() as f64 * f64::from(spare)) as usize;
     let free = Ref { low: Vec4::ZERO, high: Vec4::ZERO };
     // All threads write the references in place: the first touch of memory costs as much as the rest.
-    par.map(triangles.len() + room, |i| triangles.get(i).map_or(free, |t| Ref::new(Bounds::of(t), i as u32)))
+    let make = |i: usize| triangles.get(i).map_or(free, |t| Ref::new(Bounds::of(t), i as u32));
+    par.try_map(triangles.len() + room, "the references of a tree", make)
 }
