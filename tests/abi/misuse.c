@@ -635,6 +635,7 @@ static oc_scene *scenes(oc_context *c) {
     INVALID(oc_scene_set_parts_look(s0, 1, own, 1, 2, &look));
     OK(oc_scene_isolate(s0, 1, own, 1, 0));
     OK(oc_scene_isolate(s0, 1, NULL, 0, 0));
+    OK(oc_scene_clear_part_looks(s0, 1));
     INVALID(oc_scene_isolate(NULL, 1, own, 1, 0));
     INVALID(oc_scene_isolate(s0, 2, own, 1, 0));
     INVALID(oc_scene_isolate(s0, 1, mixed, 2, 0));

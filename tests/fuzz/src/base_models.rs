@@ -91,7 +91,7 @@ impl Content {
         Self {
             header: *file.header(),
             blocks: (0..file.block_count()).map(|id| block(BlockId(id))).collect(),
-            parts: file.parts().to_vec(),
+            parts: file.parts().iter().map(|part| part.to_row()).collect(),
             materials: file.materials().to_vec(),
             instances: file.instances().to_vec(),
             trees: file.trees().to_vec(),

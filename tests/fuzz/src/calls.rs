@@ -9,6 +9,7 @@ use outcrop::capi::contents::*;
 use outcrop::capi::context::*;
 use outcrop::capi::frame::*;
 use outcrop::capi::job::*;
+use outcrop::capi::looks::*;
 use outcrop::capi::model::*;
 use outcrop::capi::overlap::*;
 use outcrop::capi::pixels::*;
