@@ -266,10 +266,10 @@ typedef struct oc_context_desc {
      */
     uint32_t threads;
     /**
-     * Limit in bytes of the memory that the blocks of all models take, including tables and buffers for reading. Never
-     * exceeded. Not included: lists of parts (about 140 bytes and the name each), three blocks for each thread that
-     * reads, the rest of huge pages (at most a sixteenth), and scenes. 0: three quarters of the machine's memory. A
-     * value above the machine's memory is refused. Buffers of frames and batches are not included.
+     * Limit in bytes of the memory that the blocks of all models take, including tables (parts and their names too)
+     * and buffers for reading. Never exceeded. Not included: three blocks for each thread that reads, the rest of huge
+     * pages (at most a sixteenth), and scenes. 0: three quarters of the machine's memory. A value above the machine's
+     * memory is refused. Buffers of frames and batches are not included.
      *
      * A model may be many times larger than the budget:
      * - Opening a model reads its coarse blocks. Other blocks are read when they are used. The least recently used
@@ -526,6 +526,8 @@ typedef struct oc_build_report {
  *
  * Returns 0 if it has read all bytes, any other number on failure.
  * Any thread may call it, several at once, but never while the library holds a lock. It must not unwind.
+ * It must not call functions that read models or wait: queries, oc_model_open, oc_job_wait, oc_frame_wait. These
+ * return OC_STATUS_INVALID_STATE there. It must not wait for another thread that calls them either.
  */
 typedef uint32_t (*oc_read_fn)(void *user, uint64_t offset, void *buffer, uint64_t bytes);
 

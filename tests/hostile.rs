@@ -8,6 +8,9 @@ mod counting;
 mod makers;
 #[path = "hostile/raw.rs"]
 mod raw;
+#[cfg(target_os = "linux")]
+#[path = "hostile/stack.rs"]
+mod stack;
 
 use glam::{DAffine3, DVec3};
 use makers::Child;

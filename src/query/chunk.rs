@@ -45,13 +45,14 @@ pub(super) struct Chunk {
     /// while a chunk runs, because the other members are borrowed mutably at the same time. (A chunk that panics is not
     /// reused.)
     rays: Box<[Ray]>,
-    found: [Found; CHUNK],
+    found: Box<[Found]>,
     /// Index in the batch of the first ray of each group.
     firsts: [usize; CHUNK / PACKET],
-    stream: SceneStream,
+    // Each in memory of its own, so that a new chunk takes little of the caller's stack.
+    stream: Box<SceneStream>,
     group: SceneGroup,
-    seen: Seen<PACKET>,
-    answers: Answers,
+    seen: Box<Seen<PACKET>>,
+    answers: Box<Answers>,
     /// The fields that `answers` was filled with.
     want: Want,
     /// Rays without an answer yet.
@@ -64,12 +65,12 @@ impl Default for Chunk {
     fn default() -> Self {
         Self {
             rays: vec![Ray::NONE; CHUNK].into(),
-            found: [Found::nothing(0.0); CHUNK],
+            found: vec![Found::nothing(0.0); CHUNK].into(),
             firsts: [0; CHUNK / PACKET],
-            stream: SceneStream::of_queries(),
+            stream: Box::new(SceneStream::of_queries()),
             group: SceneGroup::default(),
-            seen: Seen::NONE,
-            answers: Answers::NONE,
+            seen: Box::default(),
+            answers: Box::new(Answers::NONE),
             want: Want::NOTHING,
             unfinished: Vec::new(),
             parked: Vec::new(),
@@ -89,7 +90,7 @@ impl Chunk {
         hits: &impl Hits,
     ) {
         if self.want != task.want {
-            (self.want, self.answers) = (task.want, Answers::NONE);
+            (self.want, *self.answers) = (task.want, Answers::NONE);
         }
         self.group.begin_batch();
         // Groups of similar rays are answered at once; the other groups are gathered. Only the last group may be

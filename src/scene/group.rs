@@ -26,7 +26,7 @@ pub(crate) struct Group {
     moved: [(f64, f64); PACKET],
     is_moved: bool,
     /// The packet of rays that enter several trees.
-    scene: ScenePacket,
+    scene: Box<ScenePacket>,
     entered: Vec<Entered>,
 }
 
@@ -38,7 +38,7 @@ impl Default for Group {
             only: None,
             moved: [UNMOVED; PACKET],
             is_moved: false,
-            scene: ScenePacket::default(),
+            scene: Box::default(),
             entered: Vec::new(),
         }
     }

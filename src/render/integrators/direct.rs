@@ -59,12 +59,13 @@ pub(crate) struct Asks {
 
 /// A worker's memory, and the first surfaces in the pixels of its packet.
 pub(crate) struct Scratch {
-    camera: ScenePacket,
+    // Each in memory of its own, so that a new one takes little of the stack.
+    camera: Box<ScenePacket>,
     pub(super) group: Group,
     pub(super) plain: Plain,
-    pub(super) shading: Shading,
+    pub(super) shading: Box<Shading>,
     found: [Found; PACKET],
-    pub(super) shadow: ScenePacket,
+    pub(super) shadow: Box<ScenePacket>,
     pub wants: Wants,
     pub first: First,
 }
@@ -72,12 +73,12 @@ pub(crate) struct Scratch {
 impl Scratch {
     pub fn new() -> Self {
         Self {
-            camera: ScenePacket::default(),
+            camera: Box::default(),
             group: Group::default(),
             plain: Plain::default(),
-            shading: Shading::default(),
+            shading: Box::default(),
             found: [Found::nothing(0.0); PACKET],
-            shadow: ScenePacket::default(),
+            shadow: Box::default(),
             wants: Wants::default(),
             first: First::NOTHING,
         }

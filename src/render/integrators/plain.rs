@@ -25,10 +25,11 @@ use glam::{DVec3, Vec3};
 /// A worker's memory.
 #[derive(Default)]
 pub(super) struct Plain {
-    seen: Seen<PACKET>,
+    // In memory of its own, so that a new one takes little of the stack.
+    seen: Box<Seen<PACKET>>,
     rows: Rows,
     /// Packets of a tile. `begun`: mask of those that were begun there.
-    bundle: Bundle,
+    bundle: Box<Bundle>,
     begun: u32,
     /// Placed tree of each begun packet.
     placed: [u32; BUNDLE],
