@@ -248,8 +248,8 @@ impl Scene {
     /// Makes the edits since the last commit visible at once to jobs that begin from now on. The time grows with the
     /// number of instances; a commit reads no disk.
     ///
-    /// Fails with `BadArgument` if there are more than 2³¹ placed trees, and with `OverBudget` if the budget has no room
-    /// for the placed trees, or for the looks of parts. Jobs then see the state before.
+    /// Fails with `BadArgument` if there are more than 2³¹ placed trees, and with `OverBudget` if the budget has no
+    /// room for the placed trees, or for the looks of parts. Jobs then see the state before.
     pub fn commit(&self) -> Result<()> {
         let mut draft = self.draft();
         let draft = &mut *draft;

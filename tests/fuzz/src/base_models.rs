@@ -77,6 +77,8 @@ pub struct Content {
     pub materials: Vec<MaterialRow>,
     pub instances: Vec<InstanceRow>,
     pub trees: Vec<TreeRow>,
+    /// The parts of each geometry block.
+    pub part_sets: Vec<Vec<u32>>,
 }
 
 impl Content {
@@ -88,7 +90,9 @@ impl Content {
             file.read_block(id, &mut scratch, &mut payload).expect("a block");
             (payload.clone(), file.decoded_len(id))
         };
+        let sets = file.part_sets().expect("sets of parts");
         Self {
+            part_sets: (0..sets.len()).map(|block| sets.of(block).collect()).collect(),
             header: *file.header(),
             blocks: (0..file.block_count()).map(|id| block(BlockId(id))).collect(),
             parts: file.parts().iter().map(|part| part.to_row()).collect(),

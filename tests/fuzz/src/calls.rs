@@ -411,7 +411,7 @@ unsafe fn scenes(u: &mut Unstructured, o: &mut Objects) -> Result<()> {
         let instance = u64::from(small(u, 3)?);
         let matrix: [f64; 12] = if u.ratio(1, 4)? { doubles(u)? } else { IDENTITY };
         let matrix = if u.ratio(1, 4)? { null() } else { matrix.as_ptr() };
-        match u.int_in_range(0..=13)? {
+        match u.int_in_range(0..=16)? {
             0 => {
                 let context = o.any(Kind::Context, u)?;
                 o.made(Kind::Scene, |out| fine(oc_scene_create(context.cast(), out)));
@@ -446,6 +446,21 @@ unsafe fn scenes(u: &mut Unstructured, o: &mut Objects) -> Result<()> {
             11 => {
                 let (bottom, top) = ([float(u)?; 4], [float(u)?, 0.5, 0.25, 1.0]);
                 fine(oc_scene_set_background(scene, given(u, &mut oc_background { bottom, top, ..init() })?));
+            }
+            12 => {
+                let parts = (0..u.int_in_range(0..=6)?).map(|_| id(u)).collect::<Result<Vec<u64>>>()?;
+                let (mut look, flags, count) = (look(u)?, small(u, 1)?, parts.len() as u64);
+                let look = given(u, &mut look)?;
+                ok(oc_scene_set_parts_look(scene, instance, parts.as_ptr(), count, flags, look));
+            }
+            13 => {
+                let parts = (0..u.int_in_range(0..=6)?).map(|_| id(u)).collect::<Result<Vec<u64>>>()?;
+                let (flags, count) = (small(u, 1)?, parts.len() as u64);
+                ok(oc_scene_isolate(scene, instance, parts.as_ptr(), count, flags));
+            }
+            14 => {
+                let model = o.any(Kind::Model, u)?;
+                ok(oc_scene_set_model(scene, instance, model.cast()));
             }
             _ => ok(oc_scene_commit(scene)),
         }

@@ -6,7 +6,8 @@
 use super::base_models::{self, Content};
 use super::files;
 use arbitrary::{Result, Unstructured};
-use outcrop::store::Writer;
+use outcrop::store::contents::{KINDS, ROW_LEN, TABLE_LEN};
+use outcrop::store::{PartSets, Writer};
 use xxhash_rust::xxh3::xxh3_64;
 
 /// Counts and sizes that code must not trust.
@@ -79,6 +80,11 @@ fn written(content: &Content) -> Option<Vec<u8>> {
     for (payload, decoded_len) in &content.blocks {
         writer.block(payload, *decoded_len).ok()?;
     }
+    let mut sets = PartSets::default();
+    for set in &content.part_sets {
+        sets.push(set.iter().copied()).ok()?;
+    }
+    writer.set_part_sets(sets);
     let Content { header, parts, materials, instances, trees, .. } = content;
     writer.finish(header, parts, materials, instances, trees).ok()?;
     Some(std::fs::read(&path).expect("the file"))
@@ -208,6 +214,9 @@ fn again(c: &mut Content, block: usize, copies: usize) {
         c.blocks.splice(at..at, vec![copy; copies]);
     }
     c.header.geometry_blocks += copies as u32;
+    if let Some(set) = c.part_sets.get(block).cloned() {
+        c.part_sets.splice(block..block, vec![set; copies]);
+    }
     for tree in &mut c.trees {
         let first = tree.first_block as usize;
         if first > block {
@@ -261,7 +270,7 @@ fn header(c: &mut Content, u: &mut Unstructured) -> Result<()> {
 
 /// Changes or repeats rows of the other tables.
 fn rows(c: &mut Content, u: &mut Unstructured) -> Result<()> {
-    match u.int_in_range(0..=4)? {
+    match u.int_in_range(0..=5)? {
         0 if !c.instances.is_empty() => {
             let at = u.choose_index(c.instances.len())?;
             let row = &mut c.instances[at];
@@ -283,6 +292,15 @@ fn rows(c: &mut Content, u: &mut Unstructured) -> Result<()> {
             let row = c.trees[u.choose_index(c.trees.len())?];
             c.trees.push(row);
         }
+        4 if !c.part_sets.is_empty() => {
+            let at = u.choose_index(c.part_sets.len())?;
+            match u.int_in_range(0..=3)? {
+                0 => c.part_sets[at].clear(),
+                1 => c.part_sets[at].push(number(u)? as u32),
+                2 => c.part_sets.truncate(at),
+                _ => c.part_sets[at] = (0..u.int_in_range(1..=5)?).collect(),
+            }
+        }
         _ => c.materials.truncate(u.int_in_range(0..=1)?),
     }
     Ok(())
@@ -296,15 +314,15 @@ fn u64_at(bytes: &[u8], at: usize) -> Option<u64> {
 /// block, and corrects the checksums.
 fn patch(bytes: &mut [u8], u: &mut Unstructured) -> Result<()> {
     let table = u64_at(bytes, 24).unwrap_or(0) as usize;
-    let section = |row: usize, member: usize| u64_at(bytes, table + 40 * row + member).unwrap_or(0) as usize;
+    let section = |row: usize, member: usize| u64_at(bytes, table + ROW_LEN * row + member).unwrap_or(0) as usize;
     let (start, len) = match u.int_in_range(0..=5)? {
         0 => (8, 240),
         1 => (section(0, 16), section(0, 24)),
         2 => {
-            let row = u.int_in_range(1..=4)?;
+            let row = u.int_in_range(1..=KINDS.len() - 1)?;
             (section(row, 16), section(row, 24))
         }
-        3 => (table, 200),
+        3 => (table, TABLE_LEN),
         4 => (256, section(0, 16).saturating_sub(256)),
         _ => (0, bytes.len()),
     };
@@ -323,7 +341,8 @@ fn patch(bytes: &mut [u8], u: &mut Unstructured) -> Result<()> {
 /// Corrects all checksums, from the blocks to the footer, as far as the offsets lie in the file.
 pub fn reseal(bytes: &mut [u8]) {
     let len = bytes.len();
-    let Some(table) = u64_at(bytes, 24).map(|at| at as usize).filter(|&at| at <= len.saturating_sub(232)) else {
+    let Some(table) = u64_at(bytes, 24).map(|at| at as usize).filter(|&at| at <= len.saturating_sub(TABLE_LEN + 32))
+    else {
         return;
     };
     let range = |bytes: &[u8], at: u64, size: u64| {
@@ -339,13 +358,13 @@ pub fn reseal(bytes: &mut [u8]) {
             }
         }
     }
-    for row in (0..5).map(|row| table + 40 * row) {
+    for row in (0..KINDS.len()).map(|row| table + ROW_LEN * row) {
         let (at, size) = (u64_at(bytes, row + 16).unwrap_or(0), u64_at(bytes, row + 24).unwrap_or(0));
         if let Some(sum) = range(bytes, at, size) {
             put(bytes, row + 32, sum);
         }
     }
-    put(bytes, 32, xxh3_64(&bytes[table..table + 200]));
+    put(bytes, 32, xxh3_64(&bytes[table..table + TABLE_LEN]));
     put(bytes, 248, xxh3_64(&bytes[..248]));
     put(bytes, len - 16, xxh3_64(&bytes[..256]));
     put(bytes, len - 8, xxh3_64(&bytes[len - 32..len - 8]));
