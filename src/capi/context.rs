@@ -107,16 +107,18 @@ pub struct oc_context_desc {
     /// of a model that is being read is slower, slowest with `oc_context_step`.
     pub threads: u32,
     /// Limit in bytes of the memory that the blocks of all models take, including tables (parts and their names too)
-    /// and buffers for reading. Never exceeded. Not included: three blocks for each thread that reads, the rest of huge
-    /// pages (at most a sixteenth), and scenes. 0: three quarters of the machine's memory. A value above the machine's
-    /// memory is refused. Buffers of frames and batches are not included.
+    /// and buffers for reading, and that the instances, placed meshes and looks of scenes take. Never exceeded. Not
+    /// included: buffers of frames and batches; 16 KiB of each scene and of each instance with looks of parts; three
+    /// blocks for each thread that reads, and the rest of huge pages (at most a sixteenth). 0: three quarters of the
+    /// machine's memory. A value above the machine's memory is refused.
     ///
     /// A model may be many times larger than the budget:
     /// - Opening a model reads its coarse blocks. Other blocks are read when they are used. The least recently used
     ///   blocks are evicted.
     /// - Tables, root blocks and 2 to 12 MiB for reading must stay in memory. If they do not fit, opening fails
     ///   with OC_STATUS_OVER_BUDGET, and oc_last_error_need returns the least budget that suffices.
-    /// - If the data of a view does not fit, all of the picture becomes coarser evenly. Exact queries take longer.
+    /// - If the data of a view does not fit, its picture is coarser at first and then completed part by part, see
+    ///   oc_frame_request. Exact queries take longer.
     pub memory_budget: u64,
     /// The host's own threads, or NULL. The struct is copied. Its `user` must stay valid longer than the context.
     pub executor: *const oc_executor,
