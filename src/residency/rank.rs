@@ -15,7 +15,7 @@ pub(super) struct RankedWant {
     pub weight: f32,
     /// Stamp of the pass that lacked it; 0 for none.
     pub stamp: u32,
-    /// See [`super::view::ViewCore::is_patient`].
+    /// See [`super::view::ViewCore::is_patient`]. Among patient wants those outside of passes come last.
     pub is_patient: bool,
 }
 
@@ -119,16 +119,17 @@ impl State {
         all.sort_unstable_by_key(|want| want.key);
         let ranking = &mut self.ranking;
         ranking.wanted.clear();
-        let mut weights: Vec<(bool, f32, Key)> = Vec::with_capacity(all.len());
+        let mut weights: Vec<(u8, f32, Key)> = Vec::with_capacity(all.len());
         for same in all.chunk_by(|a, b| a.key == b.key) {
             let last = same.iter().map(|want| want.stamp).max().unwrap_or(0);
             ranking.wanted.push((same[0].key, last));
-            let is_patient = same.iter().all(|want| want.is_patient);
-            weights.push((is_patient, same.iter().map(|want| want.weight).sum(), same[0].key));
+            let patience = |want: &RankedWant| u8::from(want.is_patient) + u8::from(want.stamp == 0);
+            let least = same.iter().map(patience).min().unwrap_or(0);
+            weights.push((least, same.iter().map(|want| want.weight).sum(), same[0].key));
         }
         // Among equals lower ids come first: parents before children.
         weights.sort_unstable_by(|a, b| a.0.cmp(&b.0).then(b.1.total_cmp(&a.1)).then(a.2.cmp(&b.2)));
-        ranking.patient = weights.iter().filter(|weight| weight.0).count();
+        ranking.patient = weights.iter().filter(|weight| weight.0 > 0).count();
         ranking.order = weights.into_iter().map(|(.., key)| key).collect();
         (ranking.next, ranking.valid, ranking.is_stuck) = (0, true, false);
         self.pressure.is_full = false;

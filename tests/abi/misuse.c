@@ -1060,6 +1060,8 @@ static void frames(oc_context *c, oc_scene *s0) {
     }
     settings.poe = 0, settings.ambient = NAN;
     INVALID(oc_frame_request(f, s0, &camera, &settings));
+    settings.ambient = 0, settings.flags = 2;
+    INVALID(oc_frame_request(f, s0, &camera, &settings));
     oc_context *other;
     oc_scene *foreign;
     OK(oc_context_create(OC_HEADER_VERSION, NULL, &other));
