@@ -1,6 +1,7 @@
 //! The JSON document and the binary chunk of a GLB.
 
 use super::model::Model;
+use super::repair;
 use crate::base::error::{Error, Place, Result};
 use crate::import::input::Input;
 use serde_json::Value;
@@ -12,6 +13,8 @@ pub(crate) struct Document {
     pub(crate) binary: Option<(u64, u64)>,
     /// True if texts in the JSON are not UTF-8.
     pub(crate) has_other_texts: bool,
+    /// True if values in the JSON that it does not know were replaced by `null`.
+    pub(crate) is_repaired: bool,
 }
 
 const GLB_HEADER: u64 = 12;
@@ -35,12 +38,18 @@ pub(crate) fn read(input: &mut Input) -> Result<Document> {
         (_, line) => Place::Line(line as u64),
     };
     let fail = |e| Error::parse(input.path(), place(&e), format!("not valid JSON: {e}"));
-    let mut value: Value = serde_json::from_str(&decoded).map_err(fail)?;
+    let mut is_repaired = false;
+    let mut value: Value = serde_json::from_str(&decoded)
+        .or_else(|e| {
+            is_repaired = true;
+            repair::repaired(&decoded).and_then(|text| serde_json::from_str(&text).ok()).ok_or(e)
+        })
+        .map_err(fail)?;
     let has_other_texts = matches!(decoded, std::borrow::Cow::Owned(_));
     drop(decoded);
     drop(text);
     is_gltf_2(&value).map_err(|why| Error::parse(input.path(), Place::File, why))?;
-    Ok(Document { model: Model::take(&mut value), binary, has_other_texts })
+    Ok(Document { model: Model::take(&mut value), binary, has_other_texts, is_repaired })
 }
 
 /// Offset and length of the JSON chunk and of the binary chunk.
