@@ -20,7 +20,7 @@ const NEAR: f64 = 8192.0;
 const CANDIDATES: usize = 64;
 
 /// Greatest extent of a triangle on any axis.
-fn size(corners: &[DVec3; 3]) -> f64 {
+pub fn size(corners: &[DVec3; 3]) -> f64 {
     DBounds::of(corners).extent().max_element()
 }
 
@@ -51,6 +51,17 @@ pub fn is_resolved(corners: &[DVec3; 3], origin: DVec3) -> bool {
     altitude == 0.0 || (moved <= size * MOST_MOVED && keeps_area)
 }
 
+/// True if a triangle keeps its shape relative to `origin` because it is near. (A far one may be exact by chance. The
+/// test of its distance is much faster.)
+pub fn is_near(corners: &[DVec3; 3], origin: DVec3) -> bool {
+    reach(corners, origin) <= NEAR * size(corners) && is_resolved(corners, origin)
+}
+
+/// Greatest distance of a corner from `origin` on any axis.
+fn reach(corners: &[DVec3; 3], origin: DVec3) -> f64 {
+    corners.iter().fold(0.0f64, |far, c| far.max((*c - origin).abs().max_element()))
+}
+
 /// Corners of triangles that are evenly distributed over the input.
 pub type Samples = Vec<[DVec3; 3]>;
 
@@ -62,36 +73,73 @@ pub fn sample(batch: &Batch, step: u32, is_asked_for: impl Fn(&[DVec3; 3]) -> bo
     samples.extend(picked.filter(|t| !origin::is_too_large(t) && is_asked_for(t)));
 }
 
+/// Returns the step of decimal positions, such as 0.001 for coordinates with three decimals; `None` if the samples have
+/// more than 12 digits, as computed coordinates have.
+pub fn decimal_step(samples: &Samples) -> Option<f64> {
+    let mut decimals = 0;
+    for x in samples.iter().flatten().flat_map(|p| p.to_array()) {
+        while !has_decimals(x, decimals)? {
+            decimals += 1;
+        }
+    }
+    Some(1.0 / 10f64.powi(decimals))
+}
+
+/// True if a number has at most so many decimals; `None` if that many are more than 12 digits.
+fn has_decimals(x: f64, decimals: i32) -> Option<bool> {
+    let scaled = x * 10f64.powi(decimals);
+    // Two roundings: of the number and of the product.
+    let is_whole = (scaled - scaled.round()).abs() <= 2.0 * f64::EPSILON * scaled.abs();
+    (scaled.abs() < 1e12 && decimals <= 12).then_some(is_whole)
+}
+
 /// Number of bits of the samples' sizes, over all samples, that are lost beyond those that [`is_resolved`] allows.
 pub fn lost(samples: &Samples, origin: DVec3) -> f64 {
-    let bits = |corners: &[DVec3; 3]| {
-        let far = corners.iter().fold(0.0f64, |far, c| far.max((*c - origin).abs().max_element()));
-        let ratio = far / (NEAR * size(corners));
-        if ratio > 1.0 { ratio.log2().min(100.0) } else { 0.0 }
-    };
-    samples.iter().map(bits).sum()
+    samples.iter().map(|corners| bits_lost(corners, origin)).sum()
+}
+
+fn bits_lost(corners: &[DVec3; 3], origin: DVec3) -> f64 {
+    let ratio = reach(corners, origin) / (NEAR * size(corners));
+    if ratio > 1.0 { ratio.log2().min(100.0) } else { 0.0 }
 }
 
 /// Returns the origin that loses the fewest bits: `middle`, or a point near a sample. Equal ones count in this order.
 pub fn best(samples: &Samples, middle: DVec3) -> DVec3 {
-    let step = samples.len().div_ceil(CANDIDATES).max(1);
     let (mut best, mut least) = (middle, lost(samples, middle));
-    for corners in samples.iter().step_by(step) {
+    for near in candidates(samples, |corners| bits_lost(corners, middle) > 0.0) {
         if least == 0.0 {
             break;
         }
-        let near = rounded(corners);
         let lost = lost(samples, near);
-        if near.is_finite() && lost < least {
+        if lost < least {
             (best, least) = (near, lost);
         }
     }
     best
 }
 
+/// Points near some of the samples that are `asked_for`, evenly distributed over these. (Over all samples, a mesh that
+/// repeats a pattern of large and small triangles could yield large ones only.)
+fn candidates(samples: &Samples, asked_for: impl Fn(&[DVec3; 3]) -> bool) -> impl Iterator<Item = DVec3> {
+    let asked_for: Vec<DVec3> = samples.iter().filter(|corners| asked_for(corners)).map(rounded).collect();
+    let step = asked_for.len().div_ceil(CANDIDATES).max(1);
+    asked_for.into_iter().step_by(step).filter(|near| near.is_finite())
+}
+
 /// A point near a triangle, with few digits: positions relative to one such point are mostly exact relative to another.
 fn rounded(corners: &[DVec3; 3]) -> DVec3 {
-    let step = (16.0 * size(corners)).max(f64::MIN_POSITIVE).log2().ceil().exp2();
+    multiple(corners, 16.0)
+}
+
+/// The origin of a tree for details like this triangle. It has so few digits that positions up to 2^32 sizes of the
+/// triangle away can be exact relative to two such origins.
+pub fn near(corners: &[DVec3; 3]) -> DVec3 {
+    multiple(corners, 256.0)
+}
+
+/// The point nearest to a triangle whose coordinates are multiples of a power of two, about `sizes` times its size.
+fn multiple(corners: &[DVec3; 3], sizes: f64) -> DVec3 {
+    let step = (sizes * size(corners)).max(f64::MIN_POSITIVE).log2().ceil().exp2();
     (corners[0] / step).round() * step
 }
 
@@ -130,5 +178,23 @@ mod tests {
         // If the middle loses nothing, it stays.
         let middle = city + DVec3::X * 20.0;
         assert_eq!(best(&house, middle), middle);
+    }
+
+    #[test]
+    fn decimals_of_samples() {
+        let at = |x: f64| [DVec3::new(x, 5412345.678, -0.5); 3];
+        assert_eq!(decimal_step(&vec![at(1.0), at(512345.25)]), Some(0.001));
+        assert_eq!(decimal_step(&vec![at(1.0), at(0.0625)]), Some(0.0001));
+        assert_eq!(decimal_step(&vec![[DVec3::new(3.0, -70.0, 0.0); 3]]), Some(1.0));
+        assert_eq!(decimal_step(&vec![at(1.0), at(1.0 / 3.0)]), None);
+        assert_eq!(decimal_step(&vec![at(f64::from(0.1f32))]), None);
+    }
+
+    #[test]
+    fn a_pattern_of_large_and_small_triangles_hides_no_detail() {
+        // 130 samples of which every third is small: with steps of three, from the first on, all would be large.
+        let city = DVec3::new(512345.678, 5412345.678, 412.345);
+        let samples: Samples = (0..130).map(|i| triangle(city, if i % 3 == 2 { 0.001 } else { 4000.0 })).collect();
+        assert!(best(&samples, DVec3::ZERO).distance(city) < 1.0);
     }
 }

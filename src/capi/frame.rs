@@ -34,7 +34,7 @@ pub struct oc_frame_desc {
     pub struct_size: u32,
     /// Width in pixels, 1 to 65536.
     pub width: u32,
-    /// Height in pixels, 1 to 65536.
+    /// Height in pixels, 1 to 65536. A frame has at most 2^30 pixels.
     pub height: u32,
     /// Buffers to keep for oc_frame_map: bits `1 << OC_BUFFER_...`, combined with `|`. 0: OC_BUFFER_COLOUR_SRGB8, or
     /// none if there are targets.
@@ -454,7 +454,8 @@ pub unsafe extern "C" fn oc_frame_get_accuracy(
 }
 
 /// Returns the exact hit at a pixel of the last complete picture; before there is one, of the last request. All members
-/// are set. Surfaces of any opacity are hit, also of opacity 0; OC_LOOK_HIDDEN takes parts out of all hits.
+/// are set. Surfaces of any opacity are hit, also of opacity 0; OC_LOOK_HIDDEN takes parts out of all hits. As in the
+/// picture, a surface that the eye is on is not hit.
 ///
 /// - `x`, `y`: the pixel, counted from the top left corner.
 /// - `out_hit`: receives the hit.

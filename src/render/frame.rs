@@ -5,11 +5,12 @@
 
 use super::film::{Buffer, Film, Mapped, Outputs, Picture, Spare, Target};
 use super::job::{Asked, End, Owner, Request};
+use super::pick::pick;
 use super::status::{FrameState, FrameStatus, Progress};
 use crate::base::error::{Error, Result};
 use crate::base::handle::{WakeFn, Waker};
 use crate::math::srgb::Srgb;
-use crate::query::{Hit, Policy, QueryOptions, Want};
+use crate::query::Hit;
 use crate::residency::View;
 use crate::scene::camera::PixelRays;
 use crate::scene::{Camera, Context, SceneState};
@@ -100,14 +101,19 @@ struct Inner {
 }
 
 const MOST_PIXELS_ALONG: u32 = 1 << 16;
+const MOST_PIXELS: u64 = 1 << 30;
 
 pub(super) fn check_size(width: u32, height: u32) -> Result<()> {
     let fine = |n: u32| (1..=MOST_PIXELS_ALONG).contains(&n);
-    if fine(width) && fine(height) {
-        Ok(())
-    } else {
-        Err(Error::bad_argument("the width and height of a frame must be from 1 to 65536 pixels"))
+    if !fine(width) || !fine(height) {
+        return Err(Error::bad_argument("the width and height of a frame must be from 1 to 65536 pixels"));
     }
+    if u64::from(width) * u64::from(height) > MOST_PIXELS {
+        let text =
+            format!("a frame of {width} x {height} pixels is too large: at most {MOST_PIXELS} pixels are possible");
+        return Err(Error::bad_argument(text));
+    }
+    Ok(())
 }
 
 impl FrameSettings {
@@ -265,8 +271,8 @@ impl Frame {
     }
 
     /// Returns the exact hit at pixel (`x`, `y`) of the last complete picture or, before there is one, of the last
-    /// request, with every field filled. Blocks; may read the disk. Fails with `BadArgument` outside of the picture,
-    /// `BadState` before the first request.
+    /// request, with every field filled. As in the picture, a surface that the eye is on is not hit. Blocks; may read
+    /// the disk. Fails with `BadArgument` outside of the picture, `BadState` before the first request.
     pub fn pick(&self, x: u32, y: u32) -> Result<Hit> {
         let seen = {
             let inner = self.shared.inner();
@@ -281,12 +287,8 @@ impl Frame {
             let text = format!("pick: pixel ({x}, {y}) is outside of the picture of {} x {} pixels", size.0, size.1);
             return Err(Error::BadArgument(text));
         }
-        let (mut ray, ahead) = rays.ray_from(f64::from(x) + 0.5, f64::from(y) + 0.5, &scene.bounds_of_hits());
-        ray.cone = crate::math::Cone::ZERO;
-        let mut hit = [Hit::MISS];
-        let options = QueryOptions { coherent: false, want: Want::ALL, policy: Policy::Exact };
-        scene.closest(&[ray], options, &mut hit)?;
-        Ok(Hit { t: hit[0].t + ahead, t_free: hit[0].t_free + ahead, ..hit[0] })
+        let (ray, ahead) = rays.ray_from(f64::from(x) + 0.5, f64::from(y) + 0.5, &scene.bounds_of_hits());
+        pick(&scene, &ray, ahead)
     }
 
     /// Maps a buffer of the last complete picture. Cheap, without a copy. Fails with `BadState` if there is no complete

@@ -1,10 +1,12 @@
-//! Logical lines of OBJ and MTL files: a backslash at the end joins a line with the next.
+//! Logical lines of OBJ and MTL files: a backslash at the end joins a line with the next. In lines of names it does so
+//! only behind white space: `g C:\parts\` is a name. (Blender and assimp join all lines, tinyobjloader joins none.)
 
 use crate::base::error::Result;
-use crate::import::input::Input;
+use crate::import::input::{Input, MARK};
 use crate::import::text;
 
-/// Reader of logical lines, without leading white space.
+/// Reader of logical lines, without leading white space, and without the byte order marks that lines begin with where
+/// files were put one behind the other.
 #[derive(Default)]
 pub(crate) struct Lines {
     joined: Vec<u8>,
@@ -24,7 +26,7 @@ impl Lines {
                 return self.join(input).map(Some);
             }
         }
-        Ok(Some(input.last_line().trim_ascii_start()))
+        Ok(Some(start(input.last_line())))
     }
 
     #[cold]
@@ -39,8 +41,18 @@ impl Lines {
                 return Err(input.line_fault("a continued line is too long"));
             }
         }
-        Ok(self.joined.trim_ascii_start())
+        Ok(start(&self.joined))
     }
+}
+
+/// Returns the line from its first word on.
+#[inline]
+fn start(line: &[u8]) -> &[u8] {
+    let mut line = line.trim_ascii_start();
+    while let Some(rest) = line.strip_prefix(MARK) {
+        line = rest.trim_ascii_start();
+    }
+    line
 }
 
 #[inline]
@@ -48,12 +60,22 @@ fn continues(line: &[u8]) -> bool {
     line.trim_ascii_end().strip_suffix(b"\\").is_some_and(is_joined)
 }
 
+/// Keywords that names follow, besides those of textures.
+const NAMED: [&[u8]; 6] = [b"g", b"o", b"usemtl", b"mtllib", b"newmtl", b"usemap"];
+
 /// True if the backslash behind `head` continues the line. A backslash that ends a comment does not, nor does one that
-/// is the second byte of a letter, as in names in Shift-JIS and GBK.
+/// ends a name, or that is the second byte of a letter, as in names in Shift-JIS and GBK.
 #[cold]
 fn is_joined(head: &[u8]) -> bool {
     let letter = head.last().is_some_and(|b| !b.is_ascii()) && str::from_utf8(head).is_err();
-    !letter && text::name_before_comment(head).is_none()
+    let ends_name = head.last().is_some_and(|b| !b.is_ascii_whitespace()) && has_names(head);
+    !letter && !ends_name && text::name_before_comment(head).is_none()
+}
+
+/// True if names follow the line's keyword.
+fn has_names(line: &[u8]) -> bool {
+    let mut rest = start(line);
+    text::word(&mut rest).is_some_and(|word| NAMED.contains(&word) || word.starts_with(b"map_"))
 }
 
 /// Returns the line without the backslash at its end.

@@ -26,6 +26,17 @@ fn a_byte_order_mark_hides_no_vertex() {
 }
 
 #[test]
+fn a_byte_order_mark_within_the_text_hides_no_vertex() {
+    let one = "\u{feff}v 5 0 0\nv 1 0 0\nv 0 1 0\nf -3 -2 -1\n";
+    for text in [format!("{one}{one}"), format!("\u{feff}{one}\u{feff}# a\n{one}")] {
+        let sink = read_bytes("file.obj", text).unwrap();
+        let triangles: Vec<_> = sink.direct().iter().map(|t| t.positions).collect();
+        assert_eq!(triangles, [[DVec3::new(5.0, 0.0, 0.0), DVec3::X, DVec3::Y]; 2]);
+        assert!(sink.notes.is_empty(), "{:?}", sink.notes);
+    }
+}
+
+#[test]
 fn text_in_utf_16_is_named() {
     for bytes in [&b"\xff\xfev\0 \0"[..], b"\xfe\xff\0v\0 "] {
         let error = refused("file.obj", bytes);
@@ -163,4 +174,28 @@ fn libraries_are_found_under_names_of_other_systems() {
     let sink = read_bytes("file.obj", obj).unwrap();
     assert!(sink.received == 1 && sink.notes.len() == 2, "{:?}", sink.notes);
     assert!(sink.notes[0].contains("gone.mtl") && sink.notes[1].contains("\"red\""), "{:?}", sink.notes);
+}
+
+#[test]
+fn a_backslash_that_ends_a_name_does_not_join_lines() {
+    let text = format!("{SQUARE}g C:\\dir\\\nf 1 2 3\ng a \\\nb\nf 1 3 \\\n4\nf 1 2\\\n 3\n");
+    let sink = read_bytes("file.obj", text).unwrap();
+    assert_eq!(sink.received, 3, "{:?}", sink.notes);
+    let names: Vec<_> = sink.parts.iter().map(|p| p.name.as_str()).collect();
+    assert_eq!(names, ["C:\\dir\\", "a  b"]);
+}
+
+#[test]
+fn values_of_materials_that_are_no_numbers_are_noted() {
+    let obj = format!("mtllib a.mtl\n{SQUARE}usemtl a\nf 1 2 3\n");
+    let mtl = b"newmtl a\nd nan\nKd nan 0 0\nPr nan\n";
+    let sink = read_files(&[("file.obj", obj.as_bytes()), ("a.mtl", mtl)]).unwrap();
+    for word in ["invalid \"d\"", "invalid \"Kd\"", "invalid \"Pr\""] {
+        assert!(sink.notes[0].contains(word), "{:?}", sink.notes);
+    }
+    assert_eq!(sink.materials[0].opacity, 1.0);
+    for mtl in [&b"\xff\xfen\0e\0"[..], b"\xfe\xff\0n\0e"] {
+        let sink = read_files(&[("file.obj", obj.as_bytes()), ("a.mtl", mtl)]).unwrap();
+        assert!(sink.notes.iter().any(|note| note.contains("UTF-16")), "{:?}", sink.notes);
+    }
 }
