@@ -64,29 +64,44 @@ pub fn sample(batch: &Batch, step: u32, is_asked_for: impl Fn(&[DVec3; 3]) -> bo
 
 /// Number of bits of the samples' sizes, over all samples, that are lost beyond those that [`is_resolved`] allows.
 pub fn lost(samples: &Samples, origin: DVec3) -> f64 {
-    let bits = |corners: &[DVec3; 3]| {
-        let far = corners.iter().fold(0.0f64, |far, c| far.max((*c - origin).abs().max_element()));
-        let ratio = far / (NEAR * size(corners));
-        if ratio > 1.0 { ratio.log2().min(100.0) } else { 0.0 }
-    };
-    samples.iter().map(bits).sum()
+    samples.iter().map(|corners| bits_lost(corners, origin)).sum()
+}
+
+fn bits_lost(corners: &[DVec3; 3], origin: DVec3) -> f64 {
+    let far = corners.iter().fold(0.0f64, |far, c| far.max((*c - origin).abs().max_element()));
+    let ratio = far / (NEAR * size(corners));
+    if ratio > 1.0 { ratio.log2().min(100.0) } else { 0.0 }
 }
 
 /// Returns the origin that loses the fewest bits: `middle`, or a point near a sample. Equal ones count in this order.
 pub fn best(samples: &Samples, middle: DVec3) -> DVec3 {
-    let step = samples.len().div_ceil(CANDIDATES).max(1);
     let (mut best, mut least) = (middle, lost(samples, middle));
-    for corners in samples.iter().step_by(step) {
+    for near in candidates(samples, |corners| bits_lost(corners, middle) > 0.0) {
         if least == 0.0 {
             break;
         }
-        let near = rounded(corners);
         let lost = lost(samples, near);
-        if near.is_finite() && lost < least {
+        if lost < least {
             (best, least) = (near, lost);
         }
     }
     best
+}
+
+/// Returns the point near a sample that resolves the most samples, or `None` if none resolves any. A point that loses
+/// the fewest bits of all samples would not do: near one of many details, the others lose more than in their middle.
+pub fn most_resolved(samples: &Samples) -> Option<DVec3> {
+    let resolved = |near: DVec3| samples.iter().filter(|corners| is_resolved(corners, near)).count();
+    let counted = candidates(samples, |_| true).map(|near| (resolved(near), near)).filter(|(count, _)| *count > 0);
+    counted.reduce(|best, next| if next.0 > best.0 { next } else { best }).map(|(_, near)| near)
+}
+
+/// Points near some of the samples that are `asked_for`, evenly distributed over these. (Over all samples, a mesh that
+/// repeats a pattern of large and small triangles could yield large ones only.)
+fn candidates(samples: &Samples, asked_for: impl Fn(&[DVec3; 3]) -> bool) -> impl Iterator<Item = DVec3> {
+    let asked_for: Vec<DVec3> = samples.iter().filter(|corners| asked_for(corners)).map(rounded).collect();
+    let step = asked_for.len().div_ceil(CANDIDATES).max(1);
+    asked_for.into_iter().step_by(step).filter(|near| near.is_finite())
 }
 
 /// A point near a triangle, with few digits: positions relative to one such point are mostly exact relative to another.
@@ -130,5 +145,24 @@ mod tests {
         // If the middle loses nothing, it stays.
         let middle = city + DVec3::X * 20.0;
         assert_eq!(best(&house, middle), middle);
+    }
+
+    #[test]
+    fn a_pattern_of_large_and_small_triangles_hides_no_detail() {
+        // 130 samples of which every third is small: with steps of three, from the first on, all would be large.
+        let city = DVec3::new(512345.678, 5412345.678, 412.345);
+        let samples: Samples = (0..130).map(|i| triangle(city, if i % 3 == 2 { 0.001 } else { 4000.0 })).collect();
+        assert!(best(&samples, DVec3::ZERO).distance(city) < 1.0);
+    }
+
+    #[test]
+    fn one_of_many_details_is_resolved() {
+        let at = |i: i32| DVec3::new(f64::from(i % 20) * 5e3 + 0.123, f64::from(i / 20) * 5e3 + 0.456, 0.0);
+        let samples: Samples = (0..400).map(|i| triangle(at(i), 0.001)).collect();
+        let middle = DVec3::new(5e4, 5e4, 0.0);
+        let near = most_resolved(&samples).expect("a place");
+        assert!(samples.iter().filter(|t| is_resolved(t, near)).count() == 1, "{near}");
+        assert!(!samples.iter().any(|t| is_resolved(t, middle)));
+        assert_eq!(most_resolved(&Samples::new()), None);
     }
 }

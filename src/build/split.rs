@@ -220,7 +220,7 @@ impl Splitter<'_> {
             samples.extend(here);
             Ok(())
         })?;
-        let other = resolve::best(&samples, origin);
+        let Some(other) = resolve::most_resolved(&samples) else { return Ok(place) };
         let at_other = |batch: &Batch| {
             let there = triangles(batch).filter(|t| is_unresolved(t) && resolve::is_resolved(t, other));
             there.flatten().fold(DBounds::EMPTY, DBounds::with)
