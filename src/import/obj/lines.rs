@@ -1,10 +1,11 @@
 //! Logical lines of OBJ and MTL files: a backslash at the end joins a line with the next.
 
 use crate::base::error::Result;
-use crate::import::input::Input;
+use crate::import::input::{Input, MARK};
 use crate::import::text;
 
-/// Reader of logical lines, without leading white space.
+/// Reader of logical lines, without leading white space, and without the byte order marks that lines begin with where
+/// files were put one behind the other.
 #[derive(Default)]
 pub(crate) struct Lines {
     joined: Vec<u8>,
@@ -24,7 +25,7 @@ impl Lines {
                 return self.join(input).map(Some);
             }
         }
-        Ok(Some(input.last_line().trim_ascii_start()))
+        Ok(Some(start(input.last_line())))
     }
 
     #[cold]
@@ -39,8 +40,18 @@ impl Lines {
                 return Err(input.line_fault("a continued line is too long"));
             }
         }
-        Ok(self.joined.trim_ascii_start())
+        Ok(start(&self.joined))
     }
+}
+
+/// Returns the line from its first word on.
+#[inline]
+fn start(line: &[u8]) -> &[u8] {
+    let mut line = line.trim_ascii_start();
+    while let Some(rest) = line.strip_prefix(MARK) {
+        line = rest.trim_ascii_start();
+    }
+    line
 }
 
 #[inline]

@@ -26,6 +26,17 @@ fn a_byte_order_mark_hides_no_vertex() {
 }
 
 #[test]
+fn a_byte_order_mark_within_the_text_hides_no_vertex() {
+    let one = "\u{feff}v 5 0 0\nv 1 0 0\nv 0 1 0\nf -3 -2 -1\n";
+    for text in [format!("{one}{one}"), format!("\u{feff}{one}\u{feff}# a\n{one}")] {
+        let sink = read_bytes("file.obj", text).unwrap();
+        let triangles: Vec<_> = sink.direct().iter().map(|t| t.positions).collect();
+        assert_eq!(triangles, [[DVec3::new(5.0, 0.0, 0.0), DVec3::X, DVec3::Y]; 2]);
+        assert!(sink.notes.is_empty(), "{:?}", sink.notes);
+    }
+}
+
+#[test]
 fn text_in_utf_16_is_named() {
     for bytes in [&b"\xff\xfev\0 \0"[..], b"\xfe\xff\0v\0 "] {
         let error = refused("file.obj", bytes);
