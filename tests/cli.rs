@@ -220,6 +220,11 @@ fn wrong_usage_is_2_and_failure_is_1() {
         (&["render", "not.oc", "-o", "p.png", "--view", "-1"], "'--view <0..3>'"),
         (&["render", "not.oc", "-o", "p.png", "--until", "-1"], "expected first, complete"),
         (&["render", "not.oc", "-o", "p.png", "--size", "0x0"], "from 1 to 65536"),
+        (&["build", "not.ply", "-o", "m.oc", "--memory", "-1"], "'--memory <BYTES>': out of range"),
+        (&["render", "not.oc", "-o", "p.png", "--cache", "-1"], "'--cache <BYTES>': out of range"),
+        (&["check", "not.oc", "--memory", "-1"], "'--memory <BYTES>': out of range"),
+        (&["bench", "not.oc", "--cache", "-1"], "'--cache <BYTES>': out of range"),
+        (&["generate", "airliner", "-o", "t.ply", "--triangles", "-5"], "'--triangles <N>': out of range"),
     ] {
         fails(dir, args, 2, why);
     }

@@ -46,7 +46,7 @@ pub struct Args {
     isa: Option<String>,
     /// Bytes of memory for the model, with suffix K, M, G or T; may be less than the model needs. 0: three quarters of
     /// the machine's memory
-    #[arg(long, visible_alias = "memory", value_name = "BYTES", default_value = "0", value_parser = common::byte_size)]
+    #[arg(long, visible_alias = "memory", value_name = "BYTES", default_value = "0", allow_negative_numbers = true, value_parser = common::byte_size)]
     cache: u64,
     /// Pixels of error: instead of exact rays, measure pixel rays in packets, with stand-ins of at most this many
     /// square pixels, and the error of the result

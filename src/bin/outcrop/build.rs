@@ -23,7 +23,7 @@ pub struct Args {
     structure: Structure,
     /// Bytes of memory that the build may use, with suffix K, M, G or T, at least 32M; data beyond that goes to
     /// temporary files. 0: no limit
-    #[arg(long, value_name = "BYTES", default_value = "0", value_parser = common::byte_size)]
+    #[arg(long, value_name = "BYTES", default_value = "0", allow_negative_numbers = true, value_parser = common::byte_size)]
     memory: u64,
     /// Number of threads; 0 for all of the machine
     #[arg(long, value_name = "N", default_value = "0", allow_negative_numbers = true, value_parser = common::threads)]

@@ -16,7 +16,7 @@ pub struct Args {
     #[arg(value_name = "MODEL.oc")]
     model: PathBuf,
     /// Bytes of memory for opening the model, with suffix K, M, G or T; 0 for three quarters of the machine's memory
-    #[arg(long, visible_alias = "cache", value_name = "BYTES", default_value = "0", value_parser = common::byte_size)]
+    #[arg(long, visible_alias = "cache", value_name = "BYTES", default_value = "0", allow_negative_numbers = true, value_parser = common::byte_size)]
     memory: u64,
     /// Print one JSON object
     #[arg(long)]

@@ -14,7 +14,7 @@ pub struct Args {
     #[arg(value_parser = generate::NAMES)]
     name: String,
     /// Target number of triangles, reached within 2 %; suffix K, M or G for thousands, millions or billions
-    #[arg(long, value_name = "N", default_value = "1M", value_parser = common::count)]
+    #[arg(long, value_name = "N", default_value = "1M", allow_negative_numbers = true, value_parser = common::count)]
     triangles: u64,
     /// Seed; different seeds give different models
     #[arg(long, default_value_t = 0, allow_negative_numbers = true)]

@@ -52,7 +52,7 @@ pub struct Args {
     threads: usize,
     /// Bytes of memory for models, with suffix K, M, G or T; may be less than the models need. 0: three quarters of the
     /// machine's memory
-    #[arg(long, visible_alias = "memory", value_name = "BYTES", default_value = "0", value_parser = common::byte_size)]
+    #[arg(long, visible_alias = "memory", value_name = "BYTES", default_value = "0", allow_negative_numbers = true, value_parser = common::byte_size)]
     cache: u64,
     /// When to take the picture: "first", as soon as there is one; "complete", when it cannot get better; "converged",
     /// likewise, but fail if it is coarser than requested; or after a number of seconds
