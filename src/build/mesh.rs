@@ -95,10 +95,10 @@ impl Output<'_> {
         span: Span,
     ) -> Result<TreeRow> {
         let begun = Instant::now();
-        let copies = std::mem::take(&mut spool.copies);
+        let (copies, moved) = (std::mem::take(&mut spool.copies), spool.moved);
         let placed = origin::place(spool, self.spilled.as_ref(), &self.par, self.cancel)?;
         self.cancel.check()?;
-        self.judged(&placed.fates, placed.origin, &copies, &mut row);
+        self.judged(&placed.fates.moved(moved), placed.origin, &copies, &mut row);
         let of_parts = parts::count(&placed.triangles, &placed.parts, &self.par, self.cancel)?;
         let of_parts = parts::but(of_parts, &copies);
         assembly.tight.search(index, placed.origin, &placed.triangles, &placed.parts, &self.par);
@@ -160,12 +160,12 @@ impl Output<'_> {
         assembly.tight.search_batches(index, &mesh, &self.par, self.cancel)?;
         let origin = spool.origin;
         let mesh_half_area = spool.bounds.half_area() as f32;
-        let copies = std::mem::take(&mut spool.copies);
+        let (copies, moved) = (std::mem::take(&mut spool.copies), spool.moved);
         drop(spool);
         if self.trees_left == 0 {
             self.spilled = None;
         }
-        self.judged(&found.fates, origin, &copies, &mut row);
+        self.judged(&found.fates.moved(moved), origin, &copies, &mut row);
         assembly.add(index, origin, &parts::but(found.parts, &copies), self.cancel)?;
         let split = asked_for_splits(options.splits).unwrap_or_else(|| B::splits_pay(&found.samples));
         self.report.seconds.distribute += begun.elapsed().as_secs_f64();
@@ -235,12 +235,12 @@ impl Output<'_> {
         self.write_blocks((0..coarse).collect(), |i| vec![B::encode_coarse(upper_tree, i, first)], Span(at, at))
     }
 
-    fn judged(&mut self, fates: &origin::Fates, origin: DVec3, copies: &BTreeMap<u32, u32>, row: &mut TreeRow) {
+    fn judged(&mut self, fates: &origin::Fates, origin: DVec3, copies: &BTreeMap<u32, u64>, row: &mut TreeRow) {
         self.report.degenerate += fates.degenerate;
         self.report.out_of_range += fates.out_of_range;
         self.report.position_error = self.report.position_error.max(fates.position_error);
         row.origin = origin.to_array();
-        row.triangles = fates.kept.saturating_sub(copies.len() as u64);
+        row.triangles = fates.kept.saturating_sub(copies.values().sum());
         row.position_error = fates.position_error;
     }
 

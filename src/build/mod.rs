@@ -2,7 +2,7 @@
 //!
 //! 1. **read** (`spool`): triangles are checked, counted and kept with their parts; triangles that do not fit the
 //!    memory budget are encoded and written to a scratch file;
-//! 2. **place** (`split`, `resolve`, `origin`): each mesh gets an origin, positions become single precision relative to
+//! 2. **place** (`split`, `places`, `owners`, `resolve`, `origin`): each mesh gets an origin, positions become single precision relative to
 //!    it, and triangles without area are counted and dropped. Triangles that would lose their shape go to further
 //!    trees with other origins;
 //! 3. **distribute** (`survey`, `regions`, `distribute`), for meshes that do not fit: triangles are sorted into chunks
@@ -25,8 +25,10 @@ mod distribute;
 mod mesh;
 mod origin;
 mod output;
+mod owners;
 mod part_sets;
 mod parts;
+mod places;
 mod regions;
 mod report;
 mod resolve;

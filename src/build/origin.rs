@@ -76,6 +76,11 @@ pub struct Fates {
 }
 
 impl Fates {
+    /// Returns these for a mesh some of whose corners were moved by up to `by` before.
+    pub fn moved(self, by: f64) -> Self {
+        Self { position_error: self.position_error.max(by), ..self }
+    }
+
     /// Returns the sum of both, and the greater position error.
     pub fn and(self, o: &Self) -> Self {
         Self {

@@ -39,11 +39,11 @@ pub fn count(triangles: &[[Vec3; 3]], parts: &[u32], par: &Par, cancel: &Cancel)
     Ok(all)
 }
 
-/// Returns the counts without those of triangles that are `copies`, given by primitive id with their parts.
-pub fn but(mut of_parts: BTreeMap<u32, OfPart>, copies: &BTreeMap<u32, u32>) -> BTreeMap<u32, OfPart> {
-    for part in copies.values() {
+/// Returns the counts without those of triangles that are `copies`, whose numbers are given for each part.
+pub fn but(mut of_parts: BTreeMap<u32, OfPart>, copies: &BTreeMap<u32, u64>) -> BTreeMap<u32, OfPart> {
+    for (part, count) in copies {
         if let Some(of) = of_parts.get_mut(part) {
-            of.count = of.count.saturating_sub(1);
+            of.count = of.count.saturating_sub(*count);
         }
     }
     of_parts

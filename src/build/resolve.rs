@@ -20,7 +20,7 @@ const NEAR: f64 = 8192.0;
 const CANDIDATES: usize = 64;
 
 /// Greatest extent of a triangle on any axis.
-fn size(corners: &[DVec3; 3]) -> f64 {
+pub fn size(corners: &[DVec3; 3]) -> f64 {
     DBounds::of(corners).extent().max_element()
 }
 
@@ -51,6 +51,17 @@ pub fn is_resolved(corners: &[DVec3; 3], origin: DVec3) -> bool {
     altitude == 0.0 || (moved <= size * MOST_MOVED && keeps_area)
 }
 
+/// True if a triangle keeps its shape relative to `origin` because it is near. (A far one may be exact by chance. The
+/// test of its distance is much faster.)
+pub fn is_near(corners: &[DVec3; 3], origin: DVec3) -> bool {
+    reach(corners, origin) <= NEAR * size(corners) && is_resolved(corners, origin)
+}
+
+/// Greatest distance of a corner from `origin` on any axis.
+fn reach(corners: &[DVec3; 3], origin: DVec3) -> f64 {
+    corners.iter().fold(0.0f64, |far, c| far.max((*c - origin).abs().max_element()))
+}
+
 /// Corners of triangles that are evenly distributed over the input.
 pub type Samples = Vec<[DVec3; 3]>;
 
@@ -68,8 +79,7 @@ pub fn lost(samples: &Samples, origin: DVec3) -> f64 {
 }
 
 fn bits_lost(corners: &[DVec3; 3], origin: DVec3) -> f64 {
-    let far = corners.iter().fold(0.0f64, |far, c| far.max((*c - origin).abs().max_element()));
-    let ratio = far / (NEAR * size(corners));
+    let ratio = reach(corners, origin) / (NEAR * size(corners));
     if ratio > 1.0 { ratio.log2().min(100.0) } else { 0.0 }
 }
 
@@ -88,14 +98,6 @@ pub fn best(samples: &Samples, middle: DVec3) -> DVec3 {
     best
 }
 
-/// Returns the point near a sample that resolves the most samples, or `None` if none resolves any. A point that loses
-/// the fewest bits of all samples would not do: near one of many details, the others lose more than in their middle.
-pub fn most_resolved(samples: &Samples) -> Option<DVec3> {
-    let resolved = |near: DVec3| samples.iter().filter(|corners| is_resolved(corners, near)).count();
-    let counted = candidates(samples, |_| true).map(|near| (resolved(near), near)).filter(|(count, _)| *count > 0);
-    counted.reduce(|best, next| if next.0 > best.0 { next } else { best }).map(|(_, near)| near)
-}
-
 /// Points near some of the samples that are `asked_for`, evenly distributed over these. (Over all samples, a mesh that
 /// repeats a pattern of large and small triangles could yield large ones only.)
 fn candidates(samples: &Samples, asked_for: impl Fn(&[DVec3; 3]) -> bool) -> impl Iterator<Item = DVec3> {
@@ -106,7 +108,18 @@ fn candidates(samples: &Samples, asked_for: impl Fn(&[DVec3; 3]) -> bool) -> imp
 
 /// A point near a triangle, with few digits: positions relative to one such point are mostly exact relative to another.
 fn rounded(corners: &[DVec3; 3]) -> DVec3 {
-    let step = (16.0 * size(corners)).max(f64::MIN_POSITIVE).log2().ceil().exp2();
+    multiple(corners, 16.0)
+}
+
+/// The origin of a tree for details like this triangle. It has so few digits that positions up to 2^32 sizes of the
+/// triangle away can be exact relative to two such origins.
+pub fn near(corners: &[DVec3; 3]) -> DVec3 {
+    multiple(corners, 256.0)
+}
+
+/// The point nearest to a triangle whose coordinates are multiples of a power of two, about `sizes` times its size.
+fn multiple(corners: &[DVec3; 3], sizes: f64) -> DVec3 {
+    let step = (sizes * size(corners)).max(f64::MIN_POSITIVE).log2().ceil().exp2();
     (corners[0] / step).round() * step
 }
 
@@ -153,16 +166,5 @@ mod tests {
         let city = DVec3::new(512345.678, 5412345.678, 412.345);
         let samples: Samples = (0..130).map(|i| triangle(city, if i % 3 == 2 { 0.001 } else { 4000.0 })).collect();
         assert!(best(&samples, DVec3::ZERO).distance(city) < 1.0);
-    }
-
-    #[test]
-    fn one_of_many_details_is_resolved() {
-        let at = |i: i32| DVec3::new(f64::from(i % 20) * 5e3 + 0.123, f64::from(i / 20) * 5e3 + 0.456, 0.0);
-        let samples: Samples = (0..400).map(|i| triangle(at(i), 0.001)).collect();
-        let middle = DVec3::new(5e4, 5e4, 0.0);
-        let near = most_resolved(&samples).expect("a place");
-        assert!(samples.iter().filter(|t| is_resolved(t, near)).count() == 1, "{near}");
-        assert!(!samples.iter().any(|t| is_resolved(t, middle)));
-        assert_eq!(most_resolved(&Samples::new()), None);
     }
 }

@@ -7,12 +7,12 @@ use super::part_sets::TreeParts;
 use super::parts::{self, Assembly};
 use super::report::{BuildReport, PhaseSeconds};
 use super::shares::Shares;
-use super::split::Splitter;
+use super::split::{self, Splitter};
 use super::spool::Spool;
 use super::tight::Tight;
 use crate::base::error::Result;
 use crate::base::inputs::Inputs;
-use crate::base::progress::{Cancel, Phase, Progress};
+use crate::base::progress::{Cancel, Phase, Progress, Stretch};
 use crate::base::quota::Quota;
 use crate::base::scratch::{Scratch, ScratchSpace};
 use crate::import::UpAxis;
@@ -50,6 +50,9 @@ pub struct Asked<'a> {
     pub done: f64,
 }
 
+/// Fraction of the trees' progress after their triangles are placed.
+const PLACED: f64 = 0.05;
+
 /// Fraction of the progress after all trees.
 const TREES_DONE: f64 = 0.94;
 
@@ -75,8 +78,12 @@ pub fn run(mut gathered: Gathered, asked: &Asked, threads: usize) -> Result<Buil
         }
     }
     meshes[0].local_parts = gathered.assembly.parts.len() as u32;
-    let splitter = Splitter { spilled: gathered.spilled.as_ref(), shares, par: &par, cancel };
+    let triangles: u64 = meshes.iter().map(|m| m.triangles).sum();
+    let placed = Span(*done, TREES_DONE).part(0.0, PLACED).1;
+    let stretch = Stretch::new(progress, cancel, (*done, placed)).part(0.0, 1.0, triangles * split::PASSES);
+    let splitter = Splitter { spilled: gathered.spilled.as_ref(), shares, par: &par, stretch: &stretch };
     let found = splitter.run(&mut meshes, &mut gathered.assembly)?;
+    let seconds = PhaseSeconds { build: begun.elapsed().as_secs_f64(), ..PhaseSeconds::default() };
     let aside = || Aside::new(shares.aside, space);
     let mut output = Output {
         writer,
@@ -89,7 +96,12 @@ pub fn run(mut gathered: Gathered, asked: &Asked, threads: usize) -> Result<Buil
         trees_left: meshes.len(),
         space: space.clone(),
         shares: *shares,
-        report: BuildReport { triangles_in: gathered.triangles_in, notes: found.notes(), ..BuildReport::default() },
+        report: BuildReport {
+            triangles_in: gathered.triangles_in,
+            notes: found.notes(),
+            seconds,
+            ..BuildReport::default()
+        },
         progress,
         cancel,
         par,
@@ -102,7 +114,7 @@ pub fn run(mut gathered: Gathered, asked: &Asked, threads: usize) -> Result<Buil
     for (index, mut spool) in meshes.into_iter().enumerate() {
         spool.has_colours = has_colours;
         let size = 1.0 + spool.triangles as f64;
-        let span = Span(*done, TREES_DONE).part(before / all, (before + size) / all);
+        let span = Span(placed, TREES_DONE).part(before / all, (before + size) / all);
         before += size;
         output.trees_left -= 1;
         let mesh = Mesh { output: &mut output, spool, options, index, assembly: &mut gathered.assembly, span };

@@ -1,45 +1,41 @@
 //! The division of a mesh into several trees, each with an origin of its own, where single precision relative to one
 //! origin would lose the shape of triangles: a bolt on one side of a plain, or a triangle that was left behind at zero.
 //!
-//! Details that the origin of a tree does not resolve (`resolve`) go to a further tree, which is divided in the same
-//! way. Single small triangles among larger ones stay.
-//!
-//! Nothing cracks between trees: around each point of a surface, one tree has all triangles. Resolved triangles at a
-//! vertex of an unresolved one are in both trees. There, their other vertices have the positions of the first tree.
-//! (Rounding moves these by no more than the first tree's triangles allow.)
+//! All places with details that the mesh's origin does not resolve are found first (`places`). Then the triangles are
+//! distributed over the trees of these places and of the mesh in one pass, so that nothing cracks between them
+//! (`owners`). Single small triangles among larger ones stay.
 
 use super::batch::Batch;
 use super::origin;
+use super::owners::{self, Mark, Owners, Pairs};
 use super::parts::Assembly;
+use super::places::{Around, Places};
 use super::resolve::{self, Samples};
 use super::shares::Shares;
-use super::spool::Spool;
+use super::spool::{Spool, Taken};
 use super::survey::TOGETHER;
 use crate::base::error::Result;
-use crate::base::memory::zeroed;
-use crate::base::progress::Cancel;
+use crate::base::progress::Stretch;
 use crate::base::scratch::Scratch;
 use crate::math::DBounds;
 use crate::store::InstanceRow;
 use crate::structure::Par;
 use glam::{DAffine3, DVec3};
-use xxhash_rust::xxh3::xxh3_64;
 
 /// Greatest number of trees of a mesh. The last one takes all triangles that are left.
 const MOST_TREES: usize = 256;
 
-/// Approximate number of triangles that decide an origin.
+/// Approximate number of triangles that decide an origin, or the places of one round.
 const SAMPLES: u64 = 4096;
 
 /// Mean number of bits that the samples of a mesh must lose for its origin to leave the middle (`resolve::lost`).
 const LEAST_LOST: f64 = 0.25;
 
-/// So many small triangles are a detail even if more larger ones cross the box around them.
-const MANY: u64 = 64;
+/// Greatest number of rounds in which places are searched. (Samples of one round may miss places with few triangles.)
+const ROUNDS: usize = 4;
 
-/// Bits of [`Vertices`] for each triangle: 32 to 64 for a vertex, of which four are set. One in 5,000 vertices, or
-/// fewer, is taken for another.
-const BITS: u64 = 192;
+/// Number of passes over a mesh that is divided after one round, for the progress.
+pub const PASSES: u64 = 9;
 
 /// Resources of the passes over a mesh.
 pub struct Splitter<'a> {
@@ -47,7 +43,8 @@ pub struct Splitter<'a> {
     pub spilled: Option<&'a Scratch>,
     pub shares: &'a Shares,
     pub par: &'a Par,
-    pub cancel: &'a Cancel,
+    /// The progress of these passes, in triangles; stops them once cancelled.
+    pub stretch: &'a Stretch<'a>,
 }
 
 /// The result of a division.
@@ -77,24 +74,6 @@ impl Found {
     }
 }
 
-/// A place with details that the origin of a mesh does not resolve.
-struct Place {
-    /// Number of triangles of the mesh that the origin does not resolve.
-    unresolved: u64,
-    /// Number of these that are in the bounds, and go to a tree of their own; 0 if there is no such place.
-    moved: u64,
-    bounds: DBounds,
-}
-
-impl Place {
-    const NONE: Self = Self { unresolved: 0, moved: 0, bounds: DBounds::EMPTY };
-
-    /// True if a triangle goes to another tree than the one with this origin.
-    fn moves(&self, corners: &[DVec3; 3], origin: DVec3) -> bool {
-        self.bounds.contains(&DBounds::of(corners)) && !resolve::is_resolved(corners, origin)
-    }
-}
-
 /// True if every position is exact relative to the mesh's origin.
 fn is_exact(mesh: &Spool) -> bool {
     mesh.is_single && mesh.origin == DVec3::ZERO
@@ -102,6 +81,28 @@ fn is_exact(mesh: &Spool) -> bool {
 
 fn triangles(batch: &Batch) -> impl Iterator<Item = [DVec3; 3]> {
     (0..batch.positions.len()).map(|i| batch.positions.triangle(i))
+}
+
+/// The trees of the triangles of a batch, except those that stay as they are.
+struct Routes {
+    batch: Batch,
+    /// Taken from the scratch file, in which it stays.
+    was_spilled: Option<Taken>,
+    bounds: DBounds,
+    routes: Vec<Route>,
+    unresolved: u64,
+}
+
+/// A tree of a triangle.
+struct Route {
+    /// Index of the triangle in its batch.
+    index: u32,
+    tree: u32,
+    corners: [DVec3; 3],
+    /// True if another tree counts it.
+    is_copy: bool,
+    /// Greatest distance between a corner of the input and the stored corner, if any was moved before it was rounded.
+    moved: f64,
 }
 
 impl Splitter<'_> {
@@ -128,22 +129,20 @@ impl Splitter<'_> {
 
     /// Divides a mesh into one tree or several. Also returns the number of triangles that their trees do not resolve.
     fn divide(&self, mut mesh: Spool) -> Result<(Vec<Spool>, u64)> {
-        let (mut trees, mut unresolved) = (Vec::new(), 0);
         self.choose(&mut mesh)?;
-        let mut todo = vec![mesh];
-        while let Some(mesh) = todo.pop() {
-            let place = if trees.len() + todo.len() + 1 < MOST_TREES { self.scan(&mesh)? } else { self.count(&mesh)? };
-            if place.moved == 0 || place.moved == mesh.triangles {
-                unresolved += place.unresolved;
-                trees.push(mesh);
-                continue;
-            }
-            let [taken, mut left] = self.part(&mesh, &place)?;
-            self.choose(&mut left)?;
-            // The tree that goes on with this origin comes first.
-            todo.extend([left, taken]);
+        if is_exact(&mesh) {
+            return Ok((vec![mesh], 0));
         }
-        Ok((trees, unresolved))
+        let unresolved = self.unresolved(&mesh)?;
+        if unresolved == 0 {
+            return Ok((vec![mesh], 0));
+        }
+        let (places, details) = self.places(&mesh, unresolved)?;
+        if places.len() == 0 {
+            return Ok((vec![mesh], unresolved));
+        }
+        let owners = self.owners(&mesh, &places, details)?;
+        self.distribute(mesh, &owners)
     }
 
     /// Chooses the origin of a mesh.
@@ -178,9 +177,14 @@ impl Splitter<'_> {
         mut take: impl FnMut(T) -> Result<()>,
     ) -> Result<()> {
         for first in (0..mesh.batches()).step_by(TOGETHER) {
-            self.cancel.check()?;
             let count = TOGETHER.min(mesh.batches() - first);
-            for one in self.par.map(count, |i| Ok(f(&*mesh.batch(first + i, self.spilled)?))) {
+            let one = |i: usize| -> Result<T> {
+                self.stretch.check()?;
+                let batch = mesh.batch(first + i, self.spilled)?;
+                self.stretch.did(batch.positions.len() as u64);
+                Ok(f(&batch))
+            };
+            for one in self.par.map(count, one) {
                 take(one?)?;
             }
         }
@@ -188,28 +192,51 @@ impl Splitter<'_> {
     }
 
     /// Counts the triangles that the mesh's origin does not resolve.
-    fn count(&self, mesh: &Spool) -> Result<Place> {
-        let mut all = Place::NONE;
-        if !is_exact(mesh) {
-            let count = |batch: &Batch| triangles(batch).filter(|t| !resolve::is_resolved(t, mesh.origin)).count();
-            self.each(mesh, count, |count| {
-                all.unresolved += count as u64;
-                Ok(())
-            })?;
-        }
+    fn unresolved(&self, mesh: &Spool) -> Result<u64> {
+        let mut all = 0;
+        let count = |batch: &Batch| triangles(batch).filter(|t| !resolve::is_resolved(t, mesh.origin)).count();
+        self.each(mesh, count, |count| {
+            all += count as u64;
+            Ok(())
+        })?;
         Ok(all)
     }
 
-    /// Finds a place with triangles that the mesh's origin does not resolve, but another one does. Small triangles
-    /// among many larger ones, as scans and CAD exports have them, are no such place.
-    fn scan(&self, mesh: &Spool) -> Result<Place> {
-        let origin = mesh.origin;
-        let mut place = self.count(mesh)?;
-        if place.unresolved == 0 {
-            return Ok(place);
+    /// Finds the places of a mesh with details, given the number of its unresolved triangles. Also returns the number
+    /// of triangles in all details.
+    fn places(&self, mesh: &Spool, mut unresolved: u64) -> Result<(Places, u64)> {
+        let mut places = Places::new(mesh.origin);
+        for _ in 0..ROUNDS {
+            let samples = self.samples(mesh, &places, unresolved)?;
+            let from = places.len();
+            let found = places.find(&samples, MOST_TREES - 1 - from);
+            if found == 0 {
+                break;
+            }
+            unresolved = self.surround(mesh, &mut places, from)?;
+            if unresolved == 0 {
+                break;
+            }
         }
-        let is_unresolved = |t: &[DVec3; 3]| !resolve::is_resolved(t, origin);
-        let step = (place.unresolved / SAMPLES).max(1) as u32;
+        places.group();
+        let mut around = vec![Around::default(); places.len()];
+        let count = |batch: &Batch| {
+            let mut here = vec![Around::default(); places.len()];
+            triangles(batch).for_each(|t| places.count(&t, &mut here));
+            here
+        };
+        self.each(mesh, count, |here| {
+            around.iter_mut().zip(&here).for_each(|(all, here)| *all = all.and(here));
+            Ok(())
+        })?;
+        places.keep_details(&around);
+        Ok((places, around.iter().map(|around| around.moved).sum()))
+    }
+
+    /// Samples the triangles that neither the mesh's origin nor a place resolves, given about how many there are.
+    fn samples(&self, mesh: &Spool, places: &Places, unresolved: u64) -> Result<Samples> {
+        let step = (unresolved / SAMPLES).max(1) as u32;
+        let is_unresolved = |t: &[DVec3; 3]| !resolve::is_resolved(t, mesh.origin) && places.resolving(t).is_none();
         let mut samples = Samples::new();
         let sample = |batch: &Batch| {
             let mut here = Samples::new();
@@ -220,96 +247,176 @@ impl Splitter<'_> {
             samples.extend(here);
             Ok(())
         })?;
-        let Some(other) = resolve::most_resolved(&samples) else { return Ok(place) };
-        let at_other = |batch: &Batch| {
-            let there = triangles(batch).filter(|t| is_unresolved(t) && resolve::is_resolved(t, other));
-            there.flatten().fold(DBounds::EMPTY, DBounds::with)
-        };
-        self.each(mesh, at_other, |bounds| {
-            place.bounds = place.bounds.union(bounds);
-            Ok(())
-        })?;
-        // Triangles that move, larger ones with a corner among them, and larger ones that may cross the place.
-        let mut counts = [0; 3];
-        let near = |batch: &Batch| {
-            let mut here = [0; 3];
-            for t in triangles(batch).filter(|t| place.bounds.overlaps(&DBounds::of(t))) {
-                let moves = place.moves(&t, origin);
-                let has_corner = t.iter().any(|&c| place.bounds.contains(&DBounds::of(&[c])));
-                here[0] += u64::from(moves);
-                here[1] += u64::from(!moves && has_corner);
-                here[2] += u64::from(!moves);
-            }
-            here
-        };
-        self.each(mesh, near, |here| {
-            counts.iter_mut().zip(here).for_each(|(all, here)| *all += here);
-            Ok(())
-        })?;
-        let [moved, touching, crossing] = counts;
-        let is_detail = 4 * moved >= touching && (moved >= MANY || moved >= crossing);
-        place.moved = if is_detail { moved } else { 0 };
-        Ok(place)
+        Ok(samples)
     }
 
-    /// Divides a mesh into the triangles that stay with its origin, and the others with those around them.
-    fn part(&self, mesh: &Spool, place: &Place) -> Result<[Spool; 2]> {
-        let origin = mesh.origin;
-        let mut vertices = Vertices::of(place.moved, self.shares)?;
-        let moved = |batch: &Batch| -> Vec<u64> {
-            triangles(batch).filter(|t| place.moves(t, origin)).flatten().map(hash).collect()
+    /// Sets the bounds of the places behind the first `from`. Returns the number of triangles that no place resolves.
+    fn surround(&self, mesh: &Spool, places: &mut Places, from: usize) -> Result<u64> {
+        let mut unresolved = 0;
+        let mut all = vec![DBounds::EMPTY; places.len()];
+        let surround = |batch: &Batch| {
+            let (mut here, mut left) = (vec![DBounds::EMPTY; places.len()], 0);
+            for t in triangles(batch).filter(|t| !resolve::is_resolved(t, mesh.origin)) {
+                match places.resolving(&t) {
+                    Some(place) => here[place] = here[place].union(DBounds::of(&t)),
+                    None => left += 1,
+                }
+            }
+            (here, left)
         };
-        self.each(mesh, moved, |hashes| {
-            hashes.into_iter().for_each(|hash| vertices.insert(hash));
+        self.each(mesh, surround, |(here, left)| {
+            unresolved += left;
+            all.iter_mut().zip(here).for_each(|(all, here)| *all = all.union(here));
             Ok(())
         })?;
-        let mut taken = Spool::new(mesh.local_parts);
-        taken.origin = origin;
-        let mut left = Spool::new(mesh.local_parts);
-        for index in 0..mesh.batches() {
-            self.cancel.check()?;
-            let batch = mesh.batch(index, self.spilled)?;
-            for i in 0..batch.positions.len() {
-                let corners = batch.positions.triangle(i);
-                // The bounds keep vertices elsewhere from being taken for marked ones.
-                let shared = corners.map(|c| place.bounds.contains(&DBounds::of(&[c])) && vertices.has(hash(c)));
-                let is_left = shared.contains(&true);
-                let stays = !is_left || !place.moves(&corners, origin);
-                let (part, prim) = (batch.parts[i], batch.prims[i]);
-                let colour = batch.colours.get(i).filter(|c| c[3] != 0).copied();
-                let is_copy = mesh.copies.contains_key(&prim);
-                if stays {
-                    taken.push(&corners, part, prim, colour)?;
-                    is_copy.then(|| taken.copies.insert(prim, part));
-                }
-                if is_left {
-                    let corners = if stays { on_both(corners, shared, origin) } else { corners };
-                    left.push(&corners, part, prim, colour)?;
-                    (is_copy || stays).then(|| left.copies.insert(prim, part));
-                }
-            }
-            if let Some(to) = self.spilled
-                && taken.bytes() + left.bytes() > self.shares.spool / 2
+        all.into_iter().enumerate().skip(from).for_each(|(place, bounds)| places.widen(place, bounds));
+        Ok(unresolved)
+    }
+
+    /// Finds the trees of the triangles, given the number of those in details.
+    fn owners<'p>(&self, mesh: &Spool, places: &'p Places, details: u64) -> Result<Owners<'p>> {
+        let mut owners = Owners::new(places);
+        owners.details = self.pairs(mesh, details, |t, _, marks| {
+            if !resolve::is_resolved(t, mesh.origin)
+                && let Some(home) = places.home(t)
             {
-                taken.spill(to, self.par)?;
-                left.spill(to, self.par)?;
+                owners.detail_marks(t, home, marks);
+            }
+        })?;
+        owners.around = self.pairs(mesh, details, |t, trees, marks| owners.around_marks(t, trees, marks))?;
+        owners.shared = self.pairs(mesh, details, |t, trees, marks| owners.shared_marks(t, trees, marks))?;
+        Ok(owners)
+    }
+
+    /// Returns the marks that `f` adds for the triangles of a mesh. It may use the other vector for anything.
+    fn pairs(
+        &self,
+        mesh: &Spool,
+        details: u64,
+        f: impl Fn(&[DVec3; 3], &mut Vec<usize>, &mut Vec<Mark>) + Sync + Send,
+    ) -> Result<Pairs> {
+        let mut pairs = Pairs::of(details, self.shares)?;
+        let marks = |batch: &Batch| {
+            let (mut trees, mut marks) = (Vec::new(), Vec::new());
+            triangles(batch).for_each(|t| f(&t, &mut trees, &mut marks));
+            marks
+        };
+        self.each(mesh, marks, |marks| {
+            pairs.insert(&marks);
+            Ok(())
+        })?;
+        Ok(pairs)
+    }
+
+    /// Divides a mesh. Batches whose triangles all stay as they are are moved as a whole.
+    fn distribute(&self, mesh: Spool, owners: &Owners) -> Result<(Vec<Spool>, u64)> {
+        let count = owners.places.len() + 1;
+        let mut trees: Vec<Spool> = (0..count).map(|_| Spool::new(mesh.local_parts)).collect();
+        trees.iter_mut().enumerate().for_each(|(i, tree)| tree.origin = owners.origin(i));
+        let is_spilled = mesh.is_spilled();
+        let (mut unresolved, mut batches) = (0, mesh.take().into_iter());
+        loop {
+            // The order of the results does not depend on their number.
+            let few: Vec<Taken> = batches.by_ref().take(self.par.threads.min(TOGETHER)).collect();
+            if few.is_empty() {
+                break;
+            }
+            for routes in self.par.map_items(few, |taken| self.routes(taken, owners)) {
+                let routes = routes?;
+                unresolved += routes.unresolved;
+                self.follow(routes, &mut trees)?;
             }
         }
-        if let (true, Some(to)) = (mesh.is_spilled(), self.spilled) {
-            taken.spill(to, self.par)?;
-            left.spill(to, self.par)?;
+        if let (true, Some(to)) = (is_spilled, self.spilled) {
+            trees.iter_mut().try_for_each(|tree| tree.spill(to, self.par))?;
         }
-        Ok([taken, left])
+        Ok((trees, unresolved))
+    }
+
+    /// Finds the trees of the triangles of a batch.
+    fn routes(&self, taken: Taken, owners: &Owners) -> Result<Routes> {
+        self.stretch.check()?;
+        let was_spilled = taken.again();
+        let batch = taken.batch(self.spilled)?;
+        self.stretch.did(batch.positions.len() as u64);
+        let mut found = Routes { was_spilled, bounds: DBounds::EMPTY, routes: Vec::new(), unresolved: 0, batch };
+        let mut buffer = Vec::new();
+        for (index, t) in triangles(&found.batch).enumerate() {
+            if !origin::is_too_large(&t) {
+                found.bounds = found.bounds.union(DBounds::of(&t));
+            }
+            let (first, mut is_resolved) = (found.routes.len(), false);
+            owners.put(&t, &mut buffer, |tree, corners| {
+                let origin = owners.origin(tree);
+                is_resolved |= resolve::is_resolved(&t, origin);
+                let moved = if corners == t { 0.0 } else { moved(&t, &corners, origin) };
+                let route = Route { index: index as u32, tree: tree as u32, corners, is_copy: false, moved };
+                found.routes.push(route);
+            });
+            found.unresolved += u64::from(!is_resolved);
+            settle(&mut found.routes, first, &t, owners);
+        }
+        Ok(found)
+    }
+
+    /// Adds the triangles of a batch to their trees.
+    fn follow(&self, routes: Routes, trees: &mut [Spool]) -> Result<()> {
+        let Routes { batch, was_spilled, bounds, routes, .. } = routes;
+        if routes.is_empty() {
+            return trees[0].push_batch(batch, was_spilled, bounds, self.spilled, self.par);
+        }
+        let mut routes = routes.into_iter().peekable();
+        for i in 0..batch.positions.len() {
+            let (part, prim) = (batch.parts[i], batch.prims[i]);
+            let colour = batch.colours.get(i).filter(|c| c[3] != 0).copied();
+            let mut stays = true;
+            while let Some(route) = routes.next_if(|route| route.index as usize == i) {
+                let tree = &mut trees[route.tree as usize];
+                tree.push(&route.corners, part, prim, colour)?;
+                tree.moved = tree.moved.max(route.moved);
+                if route.is_copy {
+                    *tree.copies.entry(part).or_default() += 1;
+                }
+                stays = false;
+            }
+            if stays {
+                trees[0].push(&batch.positions.triangle(i), part, prim, colour)?;
+            }
+        }
+        if let Some(to) = self.spilled
+            && trees.iter().map(Spool::bytes).sum::<u64>() > self.shares.spool / 2
+        {
+            trees.iter_mut().try_for_each(|tree| tree.spill(to, self.par))?;
+        }
+        Ok(())
     }
 }
 
-/// Moves the corners that are not marked as `shared` with unresolved triangles to the positions that a tree with this
-/// origin stores. At a marked corner the other tree has all triangles, so its position stays.
-fn on_both(corners: [DVec3; 3], shared: [bool; 3], origin: DVec3) -> [DVec3; 3] {
-    std::array::from_fn(|i| match shared[i] {
-        true => corners[i],
-        false => origin + (corners[i] - origin).as_vec3().as_dvec3(),
-    })
+/// Greatest distance between the corners of the input and those that a tree with this origin stores.
+fn moved(input: &[DVec3; 3], corners: &[DVec3; 3], origin: DVec3) -> f64 {
+    input.iter().zip(corners).fold(0.0, |most, (p, c)| p.distance(owners::stored(*c, origin)).max(most))
+}
+
+/// Completes the routes of a triangle, which are those behind the first `from`: drops them if the triangle stays as it
+/// is, and those to trees in which rounding makes it a line. One tree counts the triangle; in the others it is a copy.
+fn settle(routes: &mut Vec<Route>, from: usize, input: &[DVec3; 3], owners: &Owners) {
+    if let [only] = &routes[from..] {
+        if only.tree == 0 && only.corners == *input {
+            routes.truncate(from);
+        }
+        return;
+    }
+    let has_area = |route: &Route| {
+        let origin = owners.origin(route.tree as usize);
+        origin::has_area(&route.corners.map(|c| (c - origin).as_vec3()))
+    };
+    let mut kept = routes.split_off(from);
+    let areas: Vec<bool> = kept.iter().map(has_area).collect();
+    let first = areas.iter().position(|&has| has).unwrap_or(0);
+    let mut index = 0..;
+    kept.retain(|_| index.next().is_some_and(|i: usize| i == first || areas[i]));
+    routes.append(&mut kept);
+    routes.iter_mut().skip(from + 1).for_each(|route| route.is_copy = true);
 }
 
 /// Adds instances for the triangles of `mesh` that are in a `tree` of their own.
@@ -322,44 +429,4 @@ fn place(assembly: &mut Assembly, mesh: u32, tree: u32) {
     let again: Vec<InstanceRow> =
         assembly.instances.iter().filter(|i| i.tree == mesh).map(|i| InstanceRow { tree, ..*i }).collect();
     assembly.instances.extend(again);
-}
-
-/// A hash of a position.
-fn hash(p: DVec3) -> u64 {
-    // The sum makes one zero of both.
-    xxh3_64(bytemuck::bytes_of(&(p + DVec3::ZERO).to_array()))
-}
-
-/// A set of positions in a few bytes each. It may hold positions that were not inserted; it always answers the same for
-/// the same position. (A Bloom filter: Bloom, "Space/time trade-offs in hash coding with allowable errors", CACM 1970.)
-struct Vertices {
-    words: Vec<u64>,
-}
-
-impl Vertices {
-    /// An empty set for the corners of `triangles` triangles, in less memory than the triangles that wait.
-    fn of(triangles: u64, shares: &Shares) -> Result<Self> {
-        let most = shares.waiting.min(1 << 32) * 4;
-        let words = 1 << (triangles * BITS / 64).clamp(1 << 10, most.max(1 << 10)).ilog2();
-        Ok(Self { words: zeroed(words, "vertices of small triangles")? })
-    }
-
-    /// The words and bits of a position, given its [`hash`].
-    fn places(&self, hash: u64) -> [(usize, u64); 4] {
-        let (mut at, step) = (hash, hash.rotate_left(32) | 1);
-        std::array::from_fn(|_| {
-            at = at.wrapping_add(step);
-            ((at >> 6) as usize & (self.words.len() - 1), 1 << (at & 63))
-        })
-    }
-
-    fn insert(&mut self, hash: u64) {
-        for (word, bit) in self.places(hash) {
-            self.words[word] |= bit;
-        }
-    }
-
-    fn has(&self, hash: u64) -> bool {
-        self.places(hash).iter().all(|&(word, bit)| self.words[word] & bit != 0)
-    }
 }

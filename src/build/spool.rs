@@ -31,8 +31,10 @@ pub struct Spool {
     pub is_single: bool,
     /// Number of triangles.
     pub triangles: u64,
-    /// Parts of the triangles that another tree has too (`split`), by primitive id. They are not counted.
-    pub copies: BTreeMap<u32, u32>,
+    /// Numbers of the triangles of each part that another tree has too (`split`), and counts.
+    pub copies: BTreeMap<u32, u64>,
+    /// Greatest distance between a corner of the input and the stored corner, of those that `split` moved.
+    pub moved: f64,
 }
 
 impl Spool {
@@ -49,6 +51,7 @@ impl Spool {
             is_single: true,
             triangles: 0,
             copies: BTreeMap::new(),
+            moved: 0.0,
         }
     }
 
@@ -92,11 +95,38 @@ impl Spool {
         Ok(())
     }
 
+    /// Adds a batch whole. If it was taken from the scratch file, it stays there, and is not written again.
+    pub fn push_batch(
+        &mut self,
+        batch: Batch,
+        was_spilled: Option<Taken>,
+        bounds: DBounds,
+        to: Option<&Scratch>,
+        par: &Par,
+    ) -> Result<()> {
+        self.bounds = self.bounds.union(bounds);
+        self.is_single &= matches!(batch.positions, Positions::Single(_));
+        self.has_colours |= !batch.colours.is_empty();
+        self.triangles += batch.positions.len() as u64;
+        match (was_spilled, to) {
+            (Some(Taken::Spilled(extent)), Some(to)) => {
+                // The triangles before it go there first.
+                self.spill(to, par)?;
+                self.spilled.push(extent);
+            }
+            _ => {
+                self.full = self.bytes();
+                self.kept.push(batch);
+            }
+        }
+        Ok(())
+    }
+
     /// Returns an empty batch with as much room as the last one has triangles. Most meshes are small, but a mesh that
     /// has filled one batch will mostly fill the next.
     fn next_batch(&self, exact: bool) -> Result<Batch> {
-        let last = self.kept.last().map_or(0, |b| b.parts.len());
-        let room = if last == 0 && !self.spilled.is_empty() { BATCH } else { last };
+        let spilled = || self.spilled.last().map_or(0, |extent| extent.count as usize);
+        let room = self.kept.last().map_or_else(spilled, |batch| batch.parts.len());
         let positions = if exact { Positions::Single(Vec::new()) } else { Positions::Double(Vec::new()) };
         let mut batch = Batch { positions, parts: Vec::new(), prims: Vec::new(), colours: Vec::new() };
         batch.make_room(room, false)?;
@@ -147,6 +177,14 @@ pub enum Taken {
 }
 
 impl Taken {
+    /// The same batch once more, if it is in the scratch file.
+    pub fn again(&self) -> Option<Self> {
+        match self {
+            Self::Spilled(extent) => Some(Self::Spilled(*extent)),
+            Self::Kept(_) => None,
+        }
+    }
+
     /// Number of triangles.
     pub fn len(&self) -> usize {
         match self {
