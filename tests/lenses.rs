@@ -5,6 +5,7 @@ use crate::common::brute::Tri;
 use crate::common::built::{self, Part};
 use crate::common::view::View;
 use glam::{DAffine3, DQuat, DVec3};
+use outcrop::query::HitKind;
 use outcrop::render::{Buffer, Frame, FrameOptions, FrameSettings, FrameState, Outputs};
 use outcrop::scene::{Camera, Context, Model, Scene};
 use std::time::Duration;
@@ -180,4 +181,38 @@ fn a_floor_through_the_eye() {
     }
 }
 
-built::on_each_structure!(a_board_through_a_long_lens, a_board_at_the_end_of_a_plain, a_floor_through_the_eye);
+/// Eyes on a floor and 1e-7 above it, which look up past it at a ceiling, or along it: a pick finds what the picture
+/// shows at the pixel, which is never the floor.
+fn a_pick_passes_a_floor_through_the_eye() {
+    let context = built::context(2);
+    let square = |z: f64| {
+        let at = |x: f64, y: f64| DVec3::new(x, y, z);
+        let [a, b, c, d] = [at(-9.0, -9.0), at(9.0, -9.0), at(9.0, 9.0), at(-9.0, 9.0)];
+        vec![[a, b, c], [a, c, d]]
+    };
+    let file = built::parts(&[Part::white(1, square(0.0)), Part::white(2, square(4.0))]);
+    let (scene, _model) = built::scene(&context, &file);
+    for (above, at) in [(0.0, DVec3::Z), (1e-7, DVec3::Z), (0.0, DVec3::new(1.0, 0.1, 0.3)), (1e-7, -DVec3::Z)] {
+        let eye = DVec3::new(0.3, 0.2, above);
+        let camera = Camera::Perspective { eye, at: eye + at, up: DVec3::Y, fov_y_degrees: 60.0 };
+        let (seen, _) = picture(&context, &scene, camera, &[]);
+        let options = FrameOptions { width: SIZE, height: SIZE, ..Default::default() };
+        let frame = Frame::new(&context, options).expect("a frame");
+        frame.request(&scene.state(), &camera, &FrameSettings::default()).expect("a request");
+        frame.wait(Duration::from_secs(600));
+        for (x, y) in (0..40).map(|i| (i * 37 % SIZE, i * 53 % SIZE)) {
+            let hit = frame.pick(x, y).expect("a pick");
+            // Pixels that show nothing have the id 0.
+            let part = if hit.kind == HitKind::Miss { 0 } else { hit.part };
+            assert_eq!(part, seen[(y * SIZE + x) as usize], "{above} above, to {at}, pixel {x} {y}: {hit:?}");
+            assert!(part != 1);
+        }
+    }
+}
+
+built::on_each_structure!(
+    a_board_through_a_long_lens,
+    a_board_at_the_end_of_a_plain,
+    a_floor_through_the_eye,
+    a_pick_passes_a_floor_through_the_eye
+);

@@ -454,7 +454,8 @@ pub unsafe extern "C" fn oc_frame_get_accuracy(
 }
 
 /// Returns the exact hit at a pixel of the last complete picture; before there is one, of the last request. All members
-/// are set. Surfaces of any opacity are hit, also of opacity 0; OC_LOOK_HIDDEN takes parts out of all hits.
+/// are set. Surfaces of any opacity are hit, also of opacity 0; OC_LOOK_HIDDEN takes parts out of all hits. As in the
+/// picture, a surface that the eye is on is not hit.
 ///
 /// - `x`, `y`: the pixel, counted from the top left corner.
 /// - `out_hit`: receives the hit.

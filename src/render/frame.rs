@@ -5,11 +5,12 @@
 
 use super::film::{Buffer, Film, Mapped, Outputs, Picture, Spare, Target};
 use super::job::{Asked, End, Owner, Request};
+use super::pick::pick;
 use super::status::{FrameState, FrameStatus, Progress};
 use crate::base::error::{Error, Result};
 use crate::base::handle::{WakeFn, Waker};
 use crate::math::srgb::Srgb;
-use crate::query::{Hit, Policy, QueryOptions, Want};
+use crate::query::Hit;
 use crate::residency::View;
 use crate::scene::camera::PixelRays;
 use crate::scene::{Camera, Context, SceneState};
@@ -265,8 +266,8 @@ impl Frame {
     }
 
     /// Returns the exact hit at pixel (`x`, `y`) of the last complete picture or, before there is one, of the last
-    /// request, with every field filled. Blocks; may read the disk. Fails with `BadArgument` outside of the picture,
-    /// `BadState` before the first request.
+    /// request, with every field filled. As in the picture, a surface that the eye is on is not hit. Blocks; may read
+    /// the disk. Fails with `BadArgument` outside of the picture, `BadState` before the first request.
     pub fn pick(&self, x: u32, y: u32) -> Result<Hit> {
         let seen = {
             let inner = self.shared.inner();
@@ -281,12 +282,8 @@ impl Frame {
             let text = format!("pick: pixel ({x}, {y}) is outside of the picture of {} x {} pixels", size.0, size.1);
             return Err(Error::BadArgument(text));
         }
-        let (mut ray, ahead) = rays.ray_from(f64::from(x) + 0.5, f64::from(y) + 0.5, &scene.bounds_of_hits());
-        ray.cone = crate::math::Cone::ZERO;
-        let mut hit = [Hit::MISS];
-        let options = QueryOptions { coherent: false, want: Want::ALL, policy: Policy::Exact };
-        scene.closest(&[ray], options, &mut hit)?;
-        Ok(Hit { t: hit[0].t + ahead, t_free: hit[0].t_free + ahead, ..hit[0] })
+        let (ray, ahead) = rays.ray_from(f64::from(x) + 0.5, f64::from(y) + 0.5, &scene.bounds_of_hits());
+        pick(&scene, &ray, ahead)
     }
 
     /// Maps a buffer of the last complete picture. Cheap, without a copy. Fails with `BadState` if there is no complete

@@ -8,6 +8,7 @@ mod job;
 mod kept;
 mod panes;
 mod passes;
+mod pick;
 pub mod prefetch;
 pub mod status;
 mod tile;

@@ -38,7 +38,7 @@ const BRIGHTEST: f32 = 65504.0;
 pub(super) const LEAST_TRANSMITTANCE: f32 = 1.0 / 512.0;
 /// Offset of rays that leave a surface, as a fraction of the tree's extent: 32 times the greatest distance that single
 /// precision may put between a computed point of the surface and the surface (2⁻²⁴ of twice the extent).
-pub(super) const LEAVE: f64 = 1.0 / 262_144.0;
+pub const LEAVE: f64 = 1.0 / 262_144.0;
 
 /// Distance of a triangle's plane from the eye below which the triangle is not visible, as a fraction of the greatest
 /// coordinate of either in the tree's frame. Single precision cannot tell for each pixel alike if such a triangle, for
@@ -551,7 +551,7 @@ impl Direct<'_> {
 
 /// True if the plane of a triangle goes through the origin of a ray that hits it, up to [`AT_EYE`]. The answer
 /// is the same for all rays from there.
-fn is_at_origin(placed: &Placed, triangle: &Triangle, ray: &Ray) -> bool {
+pub fn is_at_origin(placed: &Placed, triangle: &Triangle, ray: &Ray) -> bool {
     let org = placed.local_point(ray.origin);
     let [a, b, c] = triangle.vertices.map(|v| v.as_dvec3());
     let size = a.abs().max(b.abs()).max(c.abs()).max(org.abs()).max_element();
