@@ -94,6 +94,8 @@ pub struct Progress {
     phase: AtomicU32,
     /// Fraction of the whole, in units of 1/2^32: an integer, so that taking the maximum is one atomic instruction.
     fraction: AtomicU64,
+    /// Number of times that the fraction rose in each phase.
+    steps: [AtomicU64; Phase::Done as usize + 1],
     /// Number of triangles read so far.
     pub triangles: AtomicU64,
     /// Number of bytes read from inputs so far.
@@ -121,7 +123,13 @@ impl Progress {
     /// Raises the completed fraction to `fraction`, in [0, 1]; a lower value has no effect, and neither has NaN.
     pub fn advance(&self, fraction: f64) {
         let scaled = (fraction.clamp(0.0, 1.0) * 4294967296.0) as u64;
-        self.fraction.fetch_max(scaled, Relaxed);
+        if self.fraction.fetch_max(scaled, Relaxed) < scaled {
+            self.steps[self.phase() as usize].fetch_add(1, Relaxed);
+        }
+    }
+    /// Number of times that the fraction rose in a phase.
+    pub fn steps(&self, phase: Phase) -> u64 {
+        self.steps[phase as usize].load(Relaxed)
     }
     /// The completed fraction, in [0, 1]; it starts at 0 and never decreases.
     pub fn fraction(&self) -> f64 {
