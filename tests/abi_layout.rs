@@ -56,7 +56,7 @@ fn layouts() -> Vec<Layout> {
         oc_build_report {
             struct_size, notes, triangles_in, triangles_kept, dropped_non_finite, dropped_degenerate,
             dropped_out_of_range, parts, instances, geometry_bytes, file_bytes, seconds_read, seconds_build,
-            seconds_write,
+            seconds_write, position_error,
         }
         oc_io { struct_size, reserved, size, read_at, close, user, name }
         oc_model_info {

@@ -427,6 +427,29 @@ fn a_build_says_what_it_could_not_resolve() {
     assert!(many.triangles_kept >= 256, "{}", many.triangles_kept);
 }
 
+/// A terrain of 100 km with decimals of millimetres, which single precision does not hold: a note says so. A smaller
+/// one keeps its digits.
+#[test]
+fn a_build_says_that_positions_lost_digits_of_the_input() {
+    let report = |tile: f64| {
+        let round = |x: f64| (x * 1000.0).round() / 1000.0;
+        let at = |i: usize, j: usize| {
+            let (x, y) = (512345.678 + i as f64 * tile, 5412345.678 + j as f64 * tile);
+            DVec3::new(round(x), round(y), round(412.345 + ((i * j) as f64).sin()))
+        };
+        let tiles = (0..100 * 100).map(|i| (i % 100, i / 100));
+        let tris: Vec<Tri> =
+            tiles.flat_map(|(i, j)| quad([at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)])).collect();
+        built::build_with(built::options(), |builder| push(builder, &tris)).1
+    };
+    let large = report(1000.123);
+    assert!(large.position_error > 0.002, "{}", large.position_error);
+    assert_eq!(large.notes.len(), 1, "{:?}", large.notes);
+    assert!(large.notes[0].contains("input's digits (multiples of 0.001)"), "{:?}", large.notes);
+    let small = report(10.123);
+    assert!(small.position_error < 0.0005 && small.notes.is_empty(), "{small:?}");
+}
+
 /// Tiny triangles on a sphere of larger ones, as scans have them, do not divide it.
 #[test]
 fn small_triangles_among_large_ones_stay() {

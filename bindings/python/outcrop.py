@@ -83,7 +83,7 @@ class BuildReport(_Sized):
         (name, c.c_uint64) for name in (
             "triangles_in", "triangles_kept", "dropped_non_finite", "dropped_degenerate", "dropped_out_of_range",
             "parts", "instances", "geometry_bytes", "file_bytes")
-    ] + [(name, c.c_double) for name in ("seconds_read", "seconds_build", "seconds_write")]
+    ] + [(name, c.c_double) for name in ("seconds_read", "seconds_build", "seconds_write", "position_error")]
 
 
 class ModelInfo(_Sized):

@@ -95,10 +95,11 @@ impl Output<'_> {
         span: Span,
     ) -> Result<TreeRow> {
         let begun = Instant::now();
-        let (copies, moved) = (std::mem::take(&mut spool.copies), spool.moved);
+        let (copies, moved, step) = (std::mem::take(&mut spool.copies), spool.moved, spool.step);
         let placed = origin::place(spool, self.spilled.as_ref(), &self.par, self.cancel)?;
         self.cancel.check()?;
         self.judged(&placed.fates.moved(moved), placed.origin, &copies, &mut row);
+        self.coarsened(&row, step);
         let of_parts = parts::count(&placed.triangles, &placed.parts, &self.par, self.cancel)?;
         let of_parts = parts::but(of_parts, &copies);
         assembly.tight.search(index, placed.origin, &placed.triangles, &placed.parts, &self.par);
@@ -160,12 +161,13 @@ impl Output<'_> {
         assembly.tight.search_batches(index, &mesh, &self.par, self.cancel)?;
         let origin = spool.origin;
         let mesh_half_area = spool.bounds.half_area() as f32;
-        let (copies, moved) = (std::mem::take(&mut spool.copies), spool.moved);
+        let (copies, moved, step) = (std::mem::take(&mut spool.copies), spool.moved, spool.step);
         drop(spool);
         if self.trees_left == 0 {
             self.spilled = None;
         }
         self.judged(&found.fates.moved(moved), origin, &copies, &mut row);
+        self.coarsened(&row, step);
         assembly.add(index, origin, &parts::but(found.parts, &copies), self.cancel)?;
         let split = asked_for_splits(options.splits).unwrap_or_else(|| B::splits_pay(&found.samples));
         self.report.seconds.distribute += begun.elapsed().as_secs_f64();
@@ -242,6 +244,15 @@ impl Output<'_> {
         row.origin = origin.to_array();
         row.triangles = fates.kept.saturating_sub(copies.values().sum());
         row.position_error = fates.position_error;
+    }
+
+    /// Notes a tree whose corners moved by more than rounding to the input's own digits allows.
+    fn coarsened(&mut self, row: &TreeRow, step: Option<f64>) {
+        let Some(step) = step.filter(|step| row.position_error > 3f64.sqrt() / 2.0 * step) else { return };
+        let worst = self.coarsened.map_or(0.0, |(error, _)| error);
+        if row.position_error > worst {
+            self.coarsened = Some((row.position_error, step));
+        }
     }
 
     fn split(&mut self, split: bool, mesh_half_area: f32) -> TreeOptions {

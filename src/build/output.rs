@@ -33,6 +33,8 @@ pub struct Output<'a> {
     pub space: Arc<ScratchSpace>,
     pub shares: Shares,
     pub report: BuildReport,
+    /// The greatest distance by which rounding moved a corner beyond the input's own digits, and their step.
+    pub coarsened: Option<(f64, f64)>,
     pub progress: &'a Progress,
     pub cancel: &'a Cancel,
     pub par: Par,

@@ -127,7 +127,7 @@ impl Places {
     /// Counts a triangle at the places around it. The groups must be set.
     pub fn count(&self, corners: &[DVec3; 3], around: &mut [Around]) {
         let is_resolved = resolve::is_resolved(corners, self.origin);
-        let home = if is_resolved { None } else { self.resolving(corners) };
+        let home = if is_resolved { None } else { self.home(corners) };
         if let Some(home) = home {
             around[home].moved += 1;
         }

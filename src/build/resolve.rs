@@ -73,6 +73,26 @@ pub fn sample(batch: &Batch, step: u32, is_asked_for: impl Fn(&[DVec3; 3]) -> bo
     samples.extend(picked.filter(|t| !origin::is_too_large(t) && is_asked_for(t)));
 }
 
+/// Returns the step of decimal positions, such as 0.001 for coordinates with three decimals; `None` if the samples have
+/// more than 12 digits, as computed coordinates have.
+pub fn decimal_step(samples: &Samples) -> Option<f64> {
+    let mut decimals = 0;
+    for x in samples.iter().flatten().flat_map(|p| p.to_array()) {
+        while !has_decimals(x, decimals)? {
+            decimals += 1;
+        }
+    }
+    Some(1.0 / 10f64.powi(decimals))
+}
+
+/// True if a number has at most so many decimals; `None` if that many are more than 12 digits.
+fn has_decimals(x: f64, decimals: i32) -> Option<bool> {
+    let scaled = x * 10f64.powi(decimals);
+    // Two roundings: of the number and of the product.
+    let is_whole = (scaled - scaled.round()).abs() <= 2.0 * f64::EPSILON * scaled.abs();
+    (scaled.abs() < 1e12 && decimals <= 12).then_some(is_whole)
+}
+
 /// Number of bits of the samples' sizes, over all samples, that are lost beyond those that [`is_resolved`] allows.
 pub fn lost(samples: &Samples, origin: DVec3) -> f64 {
     samples.iter().map(|corners| bits_lost(corners, origin)).sum()
@@ -158,6 +178,16 @@ mod tests {
         // If the middle loses nothing, it stays.
         let middle = city + DVec3::X * 20.0;
         assert_eq!(best(&house, middle), middle);
+    }
+
+    #[test]
+    fn decimals_of_samples() {
+        let at = |x: f64| [DVec3::new(x, 5412345.678, -0.5); 3];
+        assert_eq!(decimal_step(&vec![at(1.0), at(512345.25)]), Some(0.001));
+        assert_eq!(decimal_step(&vec![at(1.0), at(0.0625)]), Some(0.0001));
+        assert_eq!(decimal_step(&vec![[DVec3::new(3.0, -70.0, 0.0); 3]]), Some(1.0));
+        assert_eq!(decimal_step(&vec![at(1.0), at(1.0 / 3.0)]), None);
+        assert_eq!(decimal_step(&vec![at(f64::from(0.1f32))]), None);
     }
 
     #[test]

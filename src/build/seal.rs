@@ -102,6 +102,7 @@ pub fn run(mut gathered: Gathered, asked: &Asked, threads: usize) -> Result<Buil
             seconds,
             ..BuildReport::default()
         },
+        coarsened: None,
         progress,
         cancel,
         par,
@@ -133,6 +134,12 @@ fn seal(
     begun: Instant,
 ) -> Result<BuildReport> {
     let Output { mut writer, prims, colours, has_colours, part_sets, mut report, space, progress, cancel, .. } = output;
+    if let Some((moved, step)) = output.coarsened {
+        report.notes.push(format!(
+            "positions of large triangles moved by up to {moved:.2e} units, which is more than the input's digits \
+             (multiples of {step}) allow: single precision holds no more of them"
+        ));
+    }
     if trees.iter().any(|tree| tree.local_parts > 1) {
         writer.set_part_sets(part_sets);
     }

@@ -162,6 +162,7 @@ impl Splitter<'_> {
             samples.extend(here);
             Ok(())
         })?;
+        mesh.step = resolve::decimal_step(&samples);
         // A few small triangles do not move the origin.
         if resolve::lost(&samples, mesh.origin) > LEAST_LOST * samples.len() as f64 {
             mesh.origin = resolve::best(&samples, mesh.origin);
@@ -312,7 +313,9 @@ impl Splitter<'_> {
     fn distribute(&self, mesh: Spool, owners: &Owners) -> Result<(Vec<Spool>, u64)> {
         let count = owners.places.len() + 1;
         let mut trees: Vec<Spool> = (0..count).map(|_| Spool::new(mesh.local_parts)).collect();
-        trees.iter_mut().enumerate().for_each(|(i, tree)| tree.origin = owners.origin(i));
+        trees.iter_mut().enumerate().for_each(|(i, tree)| {
+            (tree.origin, tree.step) = (owners.origin(i), mesh.step);
+        });
         let is_spilled = mesh.is_spilled();
         let (mut unresolved, mut batches) = (0, mesh.take().into_iter());
         loop {

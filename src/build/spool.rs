@@ -33,6 +33,8 @@ pub struct Spool {
     pub triangles: u64,
     /// Numbers of the triangles of each part that another tree has too (`split`), and counts.
     pub copies: BTreeMap<u32, u64>,
+    /// The step of the input's decimal positions, if it has few digits (`split`).
+    pub step: Option<f64>,
     /// Greatest distance between a corner of the input and the stored corner, of those that `split` moved.
     pub moved: f64,
 }
@@ -51,6 +53,7 @@ impl Spool {
             is_single: true,
             triangles: 0,
             copies: BTreeMap::new(),
+            step: None,
             moved: 0.0,
         }
     }

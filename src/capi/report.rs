@@ -60,6 +60,8 @@ pub struct oc_build_report {
     pub seconds_build: f64,
     /// Seconds spent on writing.
     pub seconds_write: f64,
+    /// Greatest distance between a corner of the input and the stored corner, in units of the model.
+    pub position_error: f64,
 }
 
 // SAFETY: `repr(C)`, numbers without padding, `struct_size` first.
@@ -101,6 +103,7 @@ pub unsafe extern "C" fn oc_job_build_report(job: *const oc_job, out_report: *mu
                 seconds_read: r.seconds.read,
                 seconds_build: r.seconds.build,
                 seconds_write: r.seconds.write,
+                position_error: r.position_error,
             });
             Ok(())
         })

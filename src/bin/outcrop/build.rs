@@ -139,6 +139,10 @@ fn as_text(file: &str, r: &BuildReport) -> String {
             .filter(|(_, n)| *n > 0)
             .map(|(why, n)| format!(", {n} {why}"))
             .collect();
+    let moved = match r.position_error {
+        0.0 => String::new(),
+        error => format!(", moved by up to {error:.2e} units"),
+    };
     let sizes = match r.triangles_kept {
         0 => String::new(),
         n => format!(
@@ -160,7 +164,7 @@ fn as_text(file: &str, r: &BuildReport) -> String {
         ),
     };
     format!(
-        "{file}: {} of {}{dropped}; {}, {}, {}\n{}{sizes}; {:.1} s (read {:.1}{}, build {:.1}, write {:.1})",
+        "{file}: {} of {}{dropped}{moved}; {}, {}, {}\n{}{sizes}; {:.1} s (read {:.1}{}, build {:.1}, write {:.1})",
         r.triangles_kept,
         counted(r.triangles_in, "triangle"),
         counted(r.parts, "part"),
