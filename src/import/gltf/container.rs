@@ -1,7 +1,7 @@
 //! The JSON document and the binary chunk of a GLB.
 
 use super::model::Model;
-use super::parse;
+use super::{parse, repair};
 use crate::base::account::Claim;
 use crate::base::error::{Error, Place, Result};
 use crate::base::progress::Cancel;
@@ -15,6 +15,8 @@ pub(crate) struct Document {
     pub(crate) binary: Option<(u64, u64)>,
     /// True if texts in the JSON are not UTF-8.
     pub(crate) has_other_texts: bool,
+    /// True if values in the JSON that it does not know were replaced by `null`.
+    pub(crate) is_repaired: bool,
     /// The memory of the document.
     _claim: Claim,
 }
@@ -49,14 +51,19 @@ pub(crate) fn read(input: &mut Input, mut claim: Claim, cancel: &Cancel) -> Resu
         (_, line) => Place::Line(line as u64),
     };
     let fail = |e| Error::parse(input.path(), place(&e), format!("not valid JSON: {e}"));
-    let parsed = parse::value(&decoded, cancel);
+    let mut is_repaired = false;
+    let parsed = parse::value(&decoded, cancel).or_else(|e| {
+        is_repaired = claim.grow(json.1);
+        let text = if is_repaired { repair::repaired(&decoded) } else { None };
+        text.and_then(|text| parse::value(&text, cancel).ok()).ok_or(e)
+    });
     cancel.check()?;
     let mut value = parsed.map_err(fail)?;
     let has_other_texts = matches!(decoded, std::borrow::Cow::Owned(_));
     drop(decoded);
     drop(text);
     is_gltf_2(&value).map_err(|why| Error::parse(input.path(), Place::File, why))?;
-    Ok(Document { model: Model::take(&mut value, cancel)?, binary, has_other_texts, _claim: claim })
+    Ok(Document { model: Model::take(&mut value, cancel)?, binary, has_other_texts, is_repaired, _claim: claim })
 }
 
 /// Returns the approximate memory of parsed JSON: an object is a tree whose first node has room for eleven members, a

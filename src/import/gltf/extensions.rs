@@ -7,12 +7,13 @@ use super::model::Model;
 use crate::import::input::Parsed;
 
 /// Accepted extensions.
-const ACCEPTED: [&str; 13] = [
+const ACCEPTED: [&str; 14] = [
     // Honoured.
     "KHR_mesh_quantization",
     "KHR_texture_transform",
     "KHR_node_visibility",
     "EXT_mesh_gpu_instancing",
+    "CESIUM_RTC",
     // Additional data next to the geometry.
     "KHR_animation_pointer",
     "KHR_node_hoverability",

@@ -33,6 +33,16 @@ pub(crate) fn index(object: &Value, key: &str) -> Read<Option<usize>> {
     member(object, key).map(read).transpose()
 }
 
+/// True if a member is -1, which some programs write instead of leaving an index out.
+pub(crate) fn is_none(object: &Value, key: &str) -> bool {
+    object.get(key).and_then(Value::as_f64) == Some(-1.0)
+}
+
+/// Returns a member that is an index, or `None` if it is missing or -1.
+pub(crate) fn index_or_none(object: &Value, key: &str) -> Read<Option<usize>> {
+    if is_none(object, key) { Ok(None) } else { index(object, key) }
+}
+
 /// Returns a member that is a list of indices; it is empty if it is missing.
 pub(crate) fn indices(object: &Value, key: &str) -> Read<Vec<usize>> {
     let Some(value) = member(object, key) else { return Ok(Vec::new()) };

@@ -29,6 +29,7 @@ mod notes;
 mod parse;
 mod pose;
 mod primitive;
+mod repair;
 mod scene;
 mod uri;
 
@@ -41,7 +42,7 @@ use super::texture;
 use super::{MeshKey, PartDesc, PartKey, Sink, UpAxis};
 use crate::base::error::{Place, Result};
 use buffers::Buffers;
-use glam::DAffine3;
+use glam::{DAffine3, DVec3};
 use materials::Materials;
 use model::{Model, Primitive};
 use notes::Notes;
@@ -58,7 +59,13 @@ pub(crate) fn read(input: &mut Input, files: &Files<'_>, sink: &mut dyn Sink) ->
     if document.has_other_texts {
         notes.add("file has texts that are not UTF-8, which are shown with replacement characters", String::new);
     }
+    if document.is_repaired {
+        notes.add("file has values that are not JSON (NaN, numbers out of range, more than 100 levels)", String::new);
+    }
     let model = &document.model;
+    if let Some(center) = model.center.filter(|center| *center != DVec3::ZERO) {
+        notes.add("file has positions relative to a centre (CESIUM_RTC), which was added", || center.to_string());
+    }
     let placed = extensions::check(model).and_then(|()| scene::placed(model, &mut notes, sink.cancel()));
     let placed = placed.map_err(|fault| fault.at(&path, Place::File))?;
     sink.units(Some(1.0), UpAxis::Y);

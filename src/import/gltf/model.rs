@@ -32,6 +32,8 @@ pub(crate) struct Model {
     /// Number of animations.
     pub(crate) animations: usize,
     pub(crate) extensions_required: Vec<Box<str>>,
+    /// The point that all positions are relative to, of `CESIUM_RTC`.
+    pub(crate) center: Option<DVec3>,
 }
 
 /// The objects of one of the document's lists. A malformed one is kept as the reason.
@@ -97,6 +99,8 @@ pub(crate) struct Node {
     pub(crate) weights: Option<Box<[f64]>>,
     /// Accessors of `EXT_mesh_gpu_instancing`, by name of the attribute.
     pub(crate) instancing: Option<Attributes>,
+    /// True if the mesh or the skin is -1, which some programs write for none.
+    pub(crate) has_negative: bool,
     /// False for nodes that `KHR_node_visibility` hides, with all below them.
     pub(crate) is_visible: bool,
 }
@@ -231,6 +235,9 @@ impl Model {
             scene: json::index(root, "scene").unwrap_or(None),
             animations: json::items(root, "animations").len(),
             extensions_required,
+            center: json::extension(root, "CESIUM_RTC")
+                .and_then(|rtc| json::numbers::<3>(rtc, "center").ok().flatten())
+                .map(DVec3::from),
             scenes: List::take(root, "scenes", cancel, |v| json::indices(v, "nodes"))?,
             nodes: List::take(root, "nodes", cancel, node)?,
             meshes: List::take(root, "meshes", cancel, |v| Ok(mesh(v)))?,
@@ -243,6 +250,13 @@ impl Model {
             samplers: List::take(root, "samplers", cancel, |v| Ok([wrap(v, "wrapS"), wrap(v, "wrapT")]))?,
             images: List::take(root, "images", cancel, image)?,
         })
+    }
+}
+
+impl Model {
+    /// The transform of root nodes to the world.
+    pub(crate) fn world(&self) -> DAffine3 {
+        DAffine3::from_translation(self.center.unwrap_or(DVec3::ZERO))
     }
 }
 
@@ -287,8 +301,9 @@ fn node(value: &Value) -> Read<Node> {
     Ok(Node {
         name: json::text(value, "name"),
         children: json::indices(value, "children")?,
-        mesh: json::index(value, "mesh")?,
-        skin: json::index(value, "skin")?,
+        mesh: json::index_or_none(value, "mesh")?,
+        skin: json::index_or_none(value, "skin")?,
+        has_negative: json::is_none(value, "mesh") || json::is_none(value, "skin"),
         local: local_transform(value).map_err(String::into_boxed_str),
         weights: weights(value).filter(|w| !w.is_empty()),
         instancing: instancing.filter(|attributes| !attributes.is_empty()),

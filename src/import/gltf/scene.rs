@@ -38,7 +38,10 @@ pub(crate) fn placed(model: &Model, notes: &mut Notes, cancel: &Cancel) -> Parse
             return Err(why.into());
         }
         let above = parent.map(|p| &all[p]);
-        let world = above.map_or(DAffine3::IDENTITY, |p| p.world) * local(node);
+        let world = above.map_or(model.world(), |p| p.world) * local(node);
+        if node.has_negative {
+            notes.add("nodes refer to mesh or skin -1, which was taken as none", || format!("nodes[{index}]"));
+        }
         let is_hidden = !node.is_visible || above.is_some_and(|p| p.is_hidden);
         let mesh = node.mesh.filter(|_| !is_hidden);
         if let Some(mesh) = mesh {
@@ -118,7 +121,7 @@ impl<'m> Worlds<'m> {
             chain.push(node);
             at = self.parents[node];
         }
-        let mut world = at.and_then(|known| self.known.get(&known)).copied().unwrap_or(DAffine3::IDENTITY);
+        let mut world = at.and_then(|known| self.known.get(&known)).copied().unwrap_or(self.model.world());
         for node in chain.into_iter().rev() {
             let local = self.model.nodes.get(node)?.local.as_ref().map_err(|why| format!("nodes[{node}]: {why}"))?;
             world *= *local;

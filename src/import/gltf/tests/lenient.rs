@@ -182,13 +182,7 @@ fn unknown_required_extensions_are_named() {
         "EXT_mesh_gpu_instancing",
     ];
     assert_eq!(read(&accepted), Ok(vec![TRIANGLE]));
-    for name in [
-        "KHR_draco_mesh_compression",
-        "EXT_meshopt_compression",
-        "KHR_meshopt_compression",
-        "VENDOR_unknown",
-        "CESIUM_RTC",
-    ] {
+    for name in ["KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression", "VENDOR_unknown"] {
         let error = read(&["KHR_materials_unlit", name]).unwrap_err();
         assert!(error.contains(&format!("needs the extension {name}, which is not supported")), "{error}");
     }
@@ -256,4 +250,58 @@ fn texts_in_other_codings_are_noted() {
     // Zeros in place of the spaces that fill a chunk.
     let zeros = [text.as_slice(), &[0; 3]].concat();
     assert_eq!(positions(&read_bytes("t.gltf", zeros).unwrap()), [TRIANGLE]);
+}
+
+/// The notes of a file with a triangle whose text is changed by `change`.
+fn notes_of(change: impl Fn(String) -> String) -> Vec<String> {
+    let mut document = Document::triangle();
+    let bin = data_uri(&document.bin);
+    document.json["buffers"] = json!([{ "byteLength": document.bin.len(), "uri": bin }]);
+    document.set("nodes/0/extras", json!("here"));
+    let sink = read_bytes("t.gltf", change(document.json.to_string())).expect("is read");
+    assert_eq!(positions(&sink), [TRIANGLE]);
+    sink.notes
+}
+
+#[test]
+fn unused_values_that_json_does_not_know_do_not_matter() {
+    let deep = format!("{}{}", "[".repeat(200), "]".repeat(200));
+    for value in ["NaN", "-Infinity", "[1, 1e400]", "{\"x\": -1e999}", &deep] {
+        let notes = notes_of(|text| text.replace("\"here\"", value));
+        assert!(notes.len() == 1 && notes[0].contains("values that are not JSON"), "{value}: {notes:?}");
+    }
+    // Where the geometry uses it, it is refused.
+    let mut document = Document::triangle();
+    document.set("nodes/0/translation", json!(["here", 0, 0]));
+    let error = refused("t.gltf", document.json.to_string().replace("\"here\"", "NaN"));
+    assert!(error.contains("\"translation\" is not a list of 3 numbers"), "{error}");
+    // Errors have the place in the file.
+    let error = refused("t.gltf", document.json.to_string().replace("\"here\"", "NaN,,"));
+    assert!(error.contains("not valid JSON") && error.contains("line 1"), "{error}");
+}
+
+#[test]
+fn minus_one_is_no_mesh_and_no_skin() {
+    let mut document = Document::triangle();
+    document.set("nodes/0/skin", json!(-1));
+    document.set("nodes/0/children", json!([1]));
+    document.set("nodes/1", json!({ "mesh": -1 }));
+    let sink = document.read();
+    assert_eq!(positions(&sink), [TRIANGLE]);
+    assert!(sink.notes[0].contains("2 nodes refer to mesh or skin -1"), "{:?}", sink.notes);
+    document.set("nodes/1", json!({ "mesh": -2 }));
+    assert!(refused("t.glb", document.glb()).contains("\"mesh\" is -2, not an index"));
+}
+
+#[test]
+fn positions_relative_to_a_centre_are_moved_there() {
+    let mut document = Document::triangle();
+    document.set("extensionsUsed", json!(["CESIUM_RTC"]));
+    document.set("extensionsRequired", json!(["CESIUM_RTC"]));
+    document.set("extensions", json!({ "CESIUM_RTC": { "center": [4000000.125, -5.5, 3000000.0] } }));
+    document.set("nodes/0/translation", json!([0.0, 0.5, 0.0]));
+    let sink = document.read();
+    let center = DVec3::new(4000000.125, -5.0, 3000000.0);
+    assert_eq!(positions(&sink), [TRIANGLE.map(|p| p + center)]);
+    assert!(sink.notes[0].contains("CESIUM_RTC"), "{:?}", sink.notes);
 }
