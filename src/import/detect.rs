@@ -118,10 +118,19 @@ fn is_text_stl(keyword: &[u8], text: &[u8], ending: &str) -> bool {
         || (stl && is(keyword, "facet"))
 }
 
+/// True for text STL with zeros between its facets.
+fn is_padded_stl(head: &[u8]) -> bool {
+    let start = &head[..head.len().min(4096)];
+    let mut words = start.split(|b| *b == 0 || b.is_ascii_whitespace()).filter(|word| !word.is_empty());
+    let begins = words.next().is_some_and(|word| word.eq_ignore_ascii_case(b"solid"));
+    let has = |word: &[u8]| words.clone().any(|w| w.eq_ignore_ascii_case(word));
+    begins && has(b"facet") && has(b"outer") && has(b"vertex")
+}
+
 /// Detects text STL, OBJ and material libraries by the first words of lines.
 fn text_format(head: &[u8], ending: &str) -> Parsed<Option<Format>, String> {
     if head.iter().take(4096).any(|&b| b == 0) {
-        return Ok(None);
+        return Ok(is_padded_stl(head).then_some(Format::StlText));
     }
     let mut obj = false;
     let mut at = 0;

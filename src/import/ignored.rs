@@ -11,6 +11,8 @@ const KINDS: usize = 16;
 #[derive(Debug, Default)]
 pub(crate) struct Ignored {
     kinds: BTreeMap<String, (u64, u64)>,
+    /// Number of all others, and the line of the first.
+    others: Option<(u64, u64)>,
 }
 
 impl Ignored {
@@ -20,6 +22,8 @@ impl Ignored {
             seen.0 += 1;
         } else if self.kinds.len() < KINDS {
             self.kinds.insert(kind.to_owned(), (1, line));
+        } else {
+            self.others.get_or_insert((0, line)).0 += 1;
         }
     }
 
@@ -27,8 +31,27 @@ impl Ignored {
     pub(crate) fn note(&self, file: &Path, sink: &mut dyn Sink) {
         if !self.kinds.is_empty() {
             let kinds = self.kinds.iter().map(|(kind, (n, line))| format!("{n} × {kind} (first in line {line})"));
-            let kinds: Vec<_> = kinds.collect();
+            let others = self.others.map(|(n, line)| format!("{n} × of other kinds (first in line {line})"));
+            let kinds: Vec<_> = kinds.chain(others).collect();
             sink.note(format!("{}: ignored: {}", file.display(), kinds.join(", ")));
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::import::collect::Collector;
+
+    #[test]
+    fn kinds_that_are_too_many_are_counted_together() {
+        let mut ignored = Ignored::default();
+        (0..KINDS as u64 + 5).for_each(|i| ignored.add(&format!("kind {i:02}"), i + 1));
+        ignored.add("kind 03", 99);
+        let mut sink = Collector::default();
+        ignored.note(Path::new("f"), &mut sink);
+        let [note] = &sink.notes[..] else { panic!("{:?}", sink.notes) };
+        assert!(note.contains("2 × kind 03 (first in line 4)"), "{note}");
+        assert!(note.ends_with("5 × of other kinds (first in line 17)"), "{note}");
     }
 }

@@ -1,4 +1,5 @@
-//! Logical lines of OBJ and MTL files: a backslash at the end joins a line with the next.
+//! Logical lines of OBJ and MTL files: a backslash at the end joins a line with the next. In lines of names it does so
+//! only behind white space: `g C:\parts\` is a name. (Blender and assimp join all lines, tinyobjloader joins none.)
 
 use crate::base::error::Result;
 use crate::import::input::{Input, MARK};
@@ -59,12 +60,22 @@ fn continues(line: &[u8]) -> bool {
     line.trim_ascii_end().strip_suffix(b"\\").is_some_and(is_joined)
 }
 
+/// Keywords that names follow, besides those of textures.
+const NAMED: [&[u8]; 6] = [b"g", b"o", b"usemtl", b"mtllib", b"newmtl", b"usemap"];
+
 /// True if the backslash behind `head` continues the line. A backslash that ends a comment does not, nor does one that
-/// is the second byte of a letter, as in names in Shift-JIS and GBK.
+/// ends a name, or that is the second byte of a letter, as in names in Shift-JIS and GBK.
 #[cold]
 fn is_joined(head: &[u8]) -> bool {
     let letter = head.last().is_some_and(|b| !b.is_ascii()) && str::from_utf8(head).is_err();
-    !letter && text::name_before_comment(head).is_none()
+    let ends_name = head.last().is_some_and(|b| !b.is_ascii_whitespace()) && has_names(head);
+    !letter && !ends_name && text::name_before_comment(head).is_none()
+}
+
+/// True if names follow the line's keyword.
+fn has_names(line: &[u8]) -> bool {
+    let mut rest = start(line);
+    text::word(&mut rest).is_some_and(|word| NAMED.contains(&word) || word.starts_with(b"map_"))
 }
 
 /// Returns the line without the backslash at its end.

@@ -75,6 +75,9 @@ impl Libraries {
 
     fn read_file(&mut self, mut input: Input, sink: &mut dyn Sink) -> Result<()> {
         let path = input.path().to_path_buf();
+        if matches!(input.peek(2)?, b"\xff\xfe" | b"\xfe\xff") {
+            return Err(input.fault("text in UTF-16; save it as UTF-8"));
+        }
         let mut lines = Lines::default();
         let mut draft: Option<Draft> = None;
         let mut ignored = Ignored::default();
@@ -194,7 +197,7 @@ fn after<'a>(rest: &'a [u8], option: &[u8]) -> &'a [u8] {
 }
 
 fn number(mut rest: &[u8]) -> Option<f32> {
-    next_number(&mut rest)
+    next_number(&mut rest).filter(|x| !x.is_nan())
 }
 
 /// Returns the next number of a line. A comment may follow it directly.
@@ -207,9 +210,10 @@ pub(crate) fn next_number(rest: &mut &[u8]) -> Option<f32> {
 fn colour(mut rest: &[u8]) -> Option<[f32; 3]> {
     let r = next_number(&mut rest)?;
     let mut more = || text::word(&mut rest).filter(|word| !word.starts_with(b"#"));
-    let Some(g) = more() else { return Some([r; 3]) };
+    let Some(g) = more() else { return Some([r; 3]).filter(|_| !r.is_nan()) };
     let parse = |word: &[u8]| next_number(&mut &word[..]);
     let g = parse(g)?;
     let b = more().map_or(Some(g), parse)?;
-    Some([r, g, b])
+    let rgb = [r, g, b];
+    (!rgb.iter().any(|x| x.is_nan())).then_some(rgb)
 }

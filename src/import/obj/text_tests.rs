@@ -175,3 +175,27 @@ fn libraries_are_found_under_names_of_other_systems() {
     assert!(sink.received == 1 && sink.notes.len() == 2, "{:?}", sink.notes);
     assert!(sink.notes[0].contains("gone.mtl") && sink.notes[1].contains("\"red\""), "{:?}", sink.notes);
 }
+
+#[test]
+fn a_backslash_that_ends_a_name_does_not_join_lines() {
+    let text = format!("{SQUARE}g C:\\dir\\\nf 1 2 3\ng a \\\nb\nf 1 3 \\\n4\nf 1 2\\\n 3\n");
+    let sink = read_bytes("file.obj", text).unwrap();
+    assert_eq!(sink.received, 3, "{:?}", sink.notes);
+    let names: Vec<_> = sink.parts.iter().map(|p| p.name.as_str()).collect();
+    assert_eq!(names, ["C:\\dir\\", "a  b"]);
+}
+
+#[test]
+fn values_of_materials_that_are_no_numbers_are_noted() {
+    let obj = format!("mtllib a.mtl\n{SQUARE}usemtl a\nf 1 2 3\n");
+    let mtl = b"newmtl a\nd nan\nKd nan 0 0\nPr nan\n";
+    let sink = read_files(&[("file.obj", obj.as_bytes()), ("a.mtl", mtl)]).unwrap();
+    for word in ["invalid \"d\"", "invalid \"Kd\"", "invalid \"Pr\""] {
+        assert!(sink.notes[0].contains(word), "{:?}", sink.notes);
+    }
+    assert_eq!(sink.materials[0].opacity, 1.0);
+    for mtl in [&b"\xff\xfen\0e\0"[..], b"\xfe\xff\0n\0e"] {
+        let sink = read_files(&[("file.obj", obj.as_bytes()), ("a.mtl", mtl)]).unwrap();
+        assert!(sink.notes.iter().any(|note| note.contains("UTF-16")), "{:?}", sink.notes);
+    }
+}

@@ -38,6 +38,10 @@ fn rows_that_are_too_long_are_noted() {
     let all = notes(format!("{HEADER}{}", BODY.replace("3 0 1 2\n", "3 0 1 2 255 0 0\n")));
     assert!(all[0].contains("(first in line 13)"), "{all:?}");
     assert!(notes(format!("{HEADER}{}", BODY.replace("3 0 1 2\n", "3 0 1 2 # the only one\n"))).is_empty());
+    for comment in ["# x", "#", "  # 1 2 3"] {
+        let body = BODY.replace("1 0 0\n", &format!("{comment}\n1 0 0\n{comment}\n"));
+        assert!(notes(format!("{HEADER}{comment}\n{body}")).is_empty(), "{comment}");
+    }
     // A row that is too short takes values of the next.
     let error = refused("t.ply", format!("{HEADER}{}", BODY.replace("1 0 0\n", "1 0\n") + "1 2 3\n"));
     assert!(error.contains("line 12") && error.contains("\"1\" follows the last property of a row"), "{error}");

@@ -141,6 +141,8 @@ impl<'a> Ascii<'a> {
         self.line.clear();
         self.used = 0;
         match self.input.next_line()? {
+            // A comment between the rows, or between the lines of one.
+            Some(line) if line.trim_ascii_start().starts_with(b"#") => {}
             Some(line) => {
                 self.lines += u32::from(!line.trim_ascii().is_empty());
                 self.line.extend_from_slice(line);

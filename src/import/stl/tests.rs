@@ -97,7 +97,20 @@ fn text_may_be_written_in_any_manner() {
     }
     same(plain.replace("normal 0 0 1", "normal").into_bytes(), &[]);
     same(plain.replace("normal 0 0 1", "normal 0,5 -nan 1.0f").into_bytes(), &[]);
+    // A name with the words of a facet, and padding between facets.
+    same(plain.replace("first one", "facet normal plate").into_bytes(), &[]);
+    same(plain.replace(" facet normal", "\0\0\0 facet normal").into_bytes(), &[]);
+    same(plain.replace(" facet normal", "\0\0\n facet normal").into_bytes(), &[]);
     // With a note.
+    for comment in ["// x", ";", "; endloop", "//"] {
+        let text = plain.replacen("  outer", &format!("{comment}\n  outer"), 1);
+        let text = text.replacen("   vertex 0 1", &format!("{comment}\n   vertex 0 1"), 1);
+        same(text.into_bytes(), &["2 × comments within facets (first in line 3)"]);
+    }
+    same(
+        plain.replace("0 1 0\n", "0 1 0 1\n").into_bytes(),
+        &["1 × vertices with more than three numbers (first in line 6)"],
+    );
     same(plain.replace("ENDSOLID", "").into_bytes(), &["endsolid\" at the end of the file", "(first in line 24)"]);
     same(plain.replace("endsolid first one\n", "").into_bytes(), &["1 × missing \"endsolid\" (first in line 16)"]);
     same(format!("; made by hand\n\n{plain}").into_bytes(), &["1 × lines with \";\" (first in line 1)"]);

@@ -16,6 +16,9 @@ struct Words<'a> {
     input: &'a mut Input,
     line: Vec<u8>,
     used: usize,
+    /// True within a facet, where `//` and `;` begin comments as `#` does everywhere.
+    in_facet: bool,
+    ignored: Ignored,
 }
 
 /// Words with a meaning.
@@ -61,12 +64,18 @@ impl Words<'_> {
         loop {
             let mut rest = &self.line[self.used..];
             let before = rest.len();
-            match text::word(&mut rest).map(|word| (word.len(), word[0] == b'#')) {
+            match text::word(&mut rest).map(|word| (word.len(), self.is_comment(word))) {
                 Some((len, false)) => {
                     self.used += before - rest.len();
                     return Ok(Some(&self.line[self.used - len..self.used]));
                 }
-                Some((_, true)) => self.used = self.line.len(),
+                Some((len, true)) => {
+                    let start = before - rest.len() - len;
+                    if self.line[self.used + start] != b'#' {
+                        self.ignored.add("comments within facets", self.input.line());
+                    }
+                    self.used = self.line.len();
+                }
                 None => {
                     self.line.clear();
                     self.used = 0;
@@ -74,8 +83,27 @@ impl Words<'_> {
                         Some(line) => self.line.extend_from_slice(line),
                         None => return Ok(None),
                     }
+                    // Padding, also between facets.
+                    self.line.iter_mut().filter(|b| **b == 0).for_each(|b| *b = b' ');
                 }
             }
+        }
+    }
+
+    fn is_comment(&self, word: &[u8]) -> bool {
+        word[0] == b'#' || self.in_facet && (word[0] == b';' || word.starts_with(b"//"))
+    }
+
+    /// Skips numbers behind the three of a vertex, in its line.
+    fn skip_numbers(&mut self) {
+        let mut look = &self.line[self.used..];
+        let mut extra = false;
+        while text::word(&mut look).is_some_and(|word| text::double(word).is_some()) {
+            self.used = self.line.len() - look.len();
+            extra = true;
+        }
+        if extra {
+            self.ignored.add("vertices with more than three numbers", self.input.line());
         }
     }
 
@@ -118,7 +146,7 @@ impl Words<'_> {
         let (mut look, mut solid, mut facet) = (rest, None, None);
         while let Some(word) = text::word(&mut look) {
             let start = rest.len() - look.len() - word.len();
-            if let Some(facet) = facet.filter(|_| word.eq_ignore_ascii_case(b"normal")) {
+            if let Some(facet) = facet.filter(|_| word.eq_ignore_ascii_case(b"normal") && is_vector(look)) {
                 let data = solid.filter(|_| ended).unwrap_or(facet);
                 let name = text::name(&rest[..data]);
                 self.used += data;
@@ -155,13 +183,19 @@ impl Words<'_> {
     }
 }
 
+/// True if a line goes on with three numbers: the name of a solid may have the words of a facet.
+fn is_vector(mut rest: &[u8]) -> bool {
+    (0..3).all(|_| text::word(&mut rest).is_some_and(|word| text::double(word).is_some()))
+}
+
 /// Reads a text STL file from its beginning.
 pub(crate) fn read(input: &mut Input, sink: &mut dyn Sink) -> Result<()> {
     sink.units(None, UpAxis::Z);
-    let words = Words { input, line: Vec::new(), used: 0 };
-    let mut solids = Solids { words, batch: None, triangles: 0, without_area: 0, ignored: Ignored::default() };
+    let words = Words { input, line: Vec::new(), used: 0, in_facet: false, ignored: Ignored::default() };
+    let mut solids = Solids { words, batch: None, triangles: 0, without_area: 0 };
     let outcome = solids.read(sink);
-    let Solids { triangles, without_area, ignored, .. } = solids;
+    let Solids { triangles, without_area, words, .. } = solids;
+    let ignored = words.ignored;
     outcome.map_err(|fault| fault.at(input.path(), Place::Line(input.line())))?;
     ignored.note(input.path(), sink);
     let file = input.path().display();
@@ -182,7 +216,6 @@ struct Solids<'a> {
     triangles: u64,
     /// Number of facets that yield no triangle.
     without_area: u64,
-    ignored: Ignored,
 }
 
 impl Solids<'_> {
@@ -194,7 +227,7 @@ impl Solids<'_> {
             match keyword {
                 Keyword::Solid => {
                     if inside {
-                        self.ignored.add("missing \"endsolid\"", line);
+                        self.words.ignored.add("missing \"endsolid\"", line);
                     }
                     let name = self.words.name(false);
                     self.begin(name, sink)?;
@@ -206,23 +239,25 @@ impl Solids<'_> {
                 }
                 Keyword::Facet => {
                     if !inside {
-                        self.ignored.add("missing \"solid\"", line);
+                        self.words.ignored.add("missing \"solid\"", line);
                         self.begin(String::new(), sink)?;
                         inside = true;
                     }
+                    self.words.in_facet = true;
                     self.facet(sink)?;
+                    self.words.in_facet = false;
                 }
                 Keyword::Colour => drop(self.words.rest_of_line()),
                 Keyword::Other | Keyword::End => {
                     self.words.rest_of_line();
-                    self.ignored.add(&format!("lines with {shown}"), line);
+                    self.words.ignored.add(&format!("lines with {shown}"), line);
                 }
                 _ => return Err(format!("expected \"facet\" or \"endsolid\", found {shown}").into()),
             }
         }
         if inside {
             let line = self.words.input.line();
-            self.ignored.add("missing \"endsolid\" at the end of the file, which may have been cut short", line);
+            self.words.ignored.add("missing \"endsolid\" at the end of the file, which may have been cut short", line);
         }
         if let Some(batch) = &mut self.batch {
             batch.flush(sink)?;
@@ -254,6 +289,7 @@ impl Solids<'_> {
             }
             let words = &mut self.words;
             let corner = DVec3::new(words.number()?, words.number()?, words.number()?);
+            words.skip_numbers();
             if corners == 0 {
                 first = corner;
             } else if corners > 1
