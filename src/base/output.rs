@@ -190,6 +190,9 @@ const LINKS: usize = 40;
 /// Returns the regular file that `target` names or will name.
 fn resolve(target: &Path) -> io::Result<PathBuf> {
     let refuse = |why| Err(io::Error::new(io::ErrorKind::InvalidInput, why));
+    if target.as_os_str().as_encoded_bytes().last().is_some_and(|&b| std::path::is_separator(char::from(b))) {
+        return refuse("is the name of a folder");
+    }
     let mut file = target.to_path_buf();
     for _ in 0..LINKS {
         let meta = match fs::symlink_metadata(&file) {

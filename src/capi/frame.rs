@@ -34,7 +34,7 @@ pub struct oc_frame_desc {
     pub struct_size: u32,
     /// Width in pixels, 1 to 65536.
     pub width: u32,
-    /// Height in pixels, 1 to 65536.
+    /// Height in pixels, 1 to 65536. A frame has at most 2^30 pixels.
     pub height: u32,
     /// Buffers to keep for oc_frame_map: bits `1 << OC_BUFFER_...`, combined with `|`. 0: OC_BUFFER_COLOUR_SRGB8, or
     /// none if there are targets.

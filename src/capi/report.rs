@@ -44,7 +44,7 @@ pub struct oc_build_report {
     pub dropped_non_finite: u64,
     /// Triangles dropped because they have no area.
     pub dropped_degenerate: u64,
-    /// Triangles dropped because a corner is too far from the rest of the mesh: more than 1e15 units from its middle.
+    /// Triangles dropped because a corner is more than 1e15 units from the origin of its mesh.
     pub dropped_out_of_range: u64,
     /// Number of parts.
     pub parts: u64,

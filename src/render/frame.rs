@@ -101,14 +101,19 @@ struct Inner {
 }
 
 const MOST_PIXELS_ALONG: u32 = 1 << 16;
+const MOST_PIXELS: u64 = 1 << 30;
 
 pub(super) fn check_size(width: u32, height: u32) -> Result<()> {
     let fine = |n: u32| (1..=MOST_PIXELS_ALONG).contains(&n);
-    if fine(width) && fine(height) {
-        Ok(())
-    } else {
-        Err(Error::bad_argument("the width and height of a frame must be from 1 to 65536 pixels"))
+    if !fine(width) || !fine(height) {
+        return Err(Error::bad_argument("the width and height of a frame must be from 1 to 65536 pixels"));
     }
+    if u64::from(width) * u64::from(height) > MOST_PIXELS {
+        let text =
+            format!("a frame of {width} x {height} pixels is too large: at most {MOST_PIXELS} pixels are possible");
+        return Err(Error::bad_argument(text));
+    }
+    Ok(())
 }
 
 impl FrameSettings {

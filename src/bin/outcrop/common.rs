@@ -187,12 +187,18 @@ pub fn point(text: &str) -> Result<DVec3, String> {
     }
 }
 
+/// Greatest number of pixels of a picture.
+const MOST_PIXELS: u64 = 1 << 30;
+
 /// Parses a picture size "WIDTHxHEIGHT".
 pub fn size(text: &str) -> Result<(u32, u32), String> {
     let wanted = || "expected WIDTHxHEIGHT, each from 1 to 65536".to_string();
     let (w, h) = text.split_once(['x', 'X']).ok_or_else(wanted)?;
     match (w.parse(), h.parse()) {
-        (Ok(w @ 1..=65536), Ok(h @ 1..=65536)) => Ok((w, h)),
+        (Ok(w @ 1..=65536u32), Ok(h @ 1..=65536u32)) => match u64::from(w) * u64::from(h) {
+            0..=MOST_PIXELS => Ok((w, h)),
+            _ => Err(format!("too large: a picture has at most {MOST_PIXELS} pixels, for instance 32768x32768")),
+        },
         _ => Err(wanted()),
     }
 }
