@@ -505,7 +505,7 @@ typedef struct oc_build_report {
     uint64_t dropped_non_finite;
     /** Triangles dropped because they have no area. */
     uint64_t dropped_degenerate;
-    /** Triangles dropped because a corner is too far from the rest of the mesh: more than 1e15 units from its middle. */
+    /** Triangles dropped because a corner is more than 1e15 units from the origin of its mesh. */
     uint64_t dropped_out_of_range;
     /** Number of parts. */
     uint64_t parts;
@@ -521,6 +521,8 @@ typedef struct oc_build_report {
     double seconds_build;
     /** Seconds spent on writing. */
     double seconds_write;
+    /** Greatest distance between a corner of the input and the stored corner, in units of the model. */
+    double position_error;
 } oc_build_report;
 
 /**
@@ -861,7 +863,7 @@ typedef struct oc_frame_desc {
     uint32_t struct_size;
     /** Width in pixels, 1 to 65536. */
     uint32_t width;
-    /** Height in pixels, 1 to 65536. */
+    /** Height in pixels, 1 to 65536. A frame has at most 2^30 pixels. */
     uint32_t height;
     /**
      * Buffers to keep for oc_frame_map: bits `1 << OC_BUFFER_...`, combined with `|`. 0: OC_BUFFER_COLOUR_SRGB8, or
@@ -2330,7 +2332,8 @@ oc_status oc_frame_get_accuracy(const struct oc_frame *frame,
 
 /**
  * Returns the exact hit at a pixel of the last complete picture; before there is one, of the last request. All members
- * are set. Surfaces of any opacity are hit, also of opacity 0; OC_LOOK_HIDDEN takes parts out of all hits.
+ * are set. Surfaces of any opacity are hit, also of opacity 0; OC_LOOK_HIDDEN takes parts out of all hits. As in the
+ * picture, a surface that the eye is on is not hit.
  *
  * - `x`, `y`: the pixel, counted from the top left corner.
  * - `out_hit`: receives the hit.

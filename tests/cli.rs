@@ -221,8 +221,6 @@ fn wrong_usage_is_2_and_failure_is_1() {
         (&["render", "not.oc", "-o", "p.png", "--until", "-1"], "expected first, complete"),
         (&["render", "not.oc", "-o", "p.png", "--size", "0x0"], "from 1 to 65536"),
         (&["render", "not.oc", "-o", "p.png", "--size", "65536x65536"], "at most 1073741824 pixels"),
-        (&["build", "not.ply", "-o", "x.oc/"], "is the name of a folder"),
-        (&["generate", "sphere", "-o", "x.ply/"], "is the name of a folder"),
         (&["build", "not.ply", "-o", "m.oc", "--memory", "-1"], "'--memory <BYTES>': out of range"),
         (&["render", "not.oc", "-o", "p.png", "--cache", "-1"], "'--cache <BYTES>': out of range"),
         (&["check", "not.oc", "--memory", "-1"], "'--memory <BYTES>': out of range"),
@@ -233,6 +231,9 @@ fn wrong_usage_is_2_and_failure_is_1() {
     }
     fails(dir, &["build", "not.ply", "-o", "m.oc"], 1, "not.ply");
     fails(dir, &["build", "missing.ply", "-o", "m.oc"], 1, "missing.ply");
+    // Before anything is read or made.
+    fails(dir, &["build", "missing.ply", "-o", "x.oc/"], 1, "is the name of a folder");
+    fails(dir, &["generate", "airliner", "-o", "x.ply/"], 1, "is the name of a folder");
     for verb in
         [&["info", "not.oc"][..], &["check", "not.oc"], &["render", "not.oc", "-o", "p.png"], &["bench", "not.oc"]]
     {

@@ -2,9 +2,9 @@
 //!
 //! 1. **read** (`spool`): triangles are checked, counted and kept with their parts; triangles that do not fit the
 //!    memory budget are encoded and written to a scratch file;
-//! 2. **place** (`split`, `places`, `owners`, `resolve`, `origin`): each mesh gets an origin, positions become single precision relative to
-//!    it, and triangles without area are counted and dropped. Triangles that would lose their shape go to further
-//!    trees with other origins;
+//! 2. **place** (`split`, `places`, `owners`, `resolve`, `origin`): each mesh gets an origin, positions become single
+//!    precision relative to it, and triangles without area are counted and dropped. Triangles that would lose their
+//!    shape go to further trees with other origins;
 //! 3. **distribute** (`survey`, `regions`, `distribute`), for meshes that do not fit: triangles are sorted into chunks
 //!    of neighbouring triangles, each of which fits;
 //! 4. **build** (`mesh`; `tight` for the bounds of turned placements): the structure's baker (`structure::bake`) makes

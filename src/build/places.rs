@@ -1,4 +1,4 @@
-//! Places of a mesh with details that its origin does not resolve. Each gets a tree with an origin of its own (`split`).
+//! Places of a mesh with details that its origin does not resolve. Each gets a tree with its own origin (`split`).
 
 use super::resolve::{self, Samples};
 use crate::math::DBounds;

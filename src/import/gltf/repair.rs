@@ -1,6 +1,6 @@
 //! Repair of documents with values that JSON does not know, and that some programs write: `NaN`, infinite numbers, and
-//! numbers that no double holds. They become `null`, as does anything that is nested too deep to be parsed. Such a value
-//! matters only if the geometry uses it: it is then reported there as malformed.
+//! numbers that no double holds. They become `null`, as does anything that is nested too deep to be parsed. Such a
+//! value matters only if the geometry uses it: it is then reported there as malformed.
 
 /// Depth of lists and objects that the parser reads, with a reserve. Geometry uses fewer than ten.
 const DEEPEST: usize = 100;
