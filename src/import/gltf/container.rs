@@ -53,12 +53,12 @@ pub(crate) fn read(input: &mut Input, mut claim: Claim, cancel: &Cancel) -> Resu
     let fail = |e| Error::parse(input.path(), place(&e), format!("not valid JSON: {e}"));
     let mut is_repaired = false;
     let parsed = parse::value(&decoded, cancel).or_else(|e| {
-        cancel.check()?;
-        is_repaired = true;
-        repair::repaired(&decoded).and_then(|text| parse::value(&text, cancel).ok()).ok_or_else(|| fail(e))
+        is_repaired = claim.grow(json.1);
+        let text = if is_repaired { repair::repaired(&decoded) } else { None };
+        text.and_then(|text| parse::value(&text, cancel).ok()).ok_or(e)
     });
     cancel.check()?;
-    let mut value = parsed?;
+    let mut value = parsed.map_err(fail)?;
     let has_other_texts = matches!(decoded, std::borrow::Cow::Owned(_));
     drop(decoded);
     drop(text);

@@ -5,9 +5,11 @@
 /// Depth of lists and objects that the parser reads, with a reserve. Geometry uses fewer than ten.
 const DEEPEST: usize = 100;
 
-/// Returns the text with such values replaced by `null`, or `None` if there are none.
+/// Returns the text with such values replaced by `null`, or `None` if there are none, or no memory for
+/// another text.
 pub(crate) fn repaired(text: &str) -> Option<String> {
-    let mut repaired = String::with_capacity(text.len());
+    let mut repaired = String::new();
+    repaired.try_reserve_exact(text.len()).ok()?;
     let (mut rest, mut depth, mut replaced) = (text, 0usize, false);
     while let Some(first) = rest.chars().next() {
         let len = match first {
