@@ -119,7 +119,10 @@ fn pictures_in_a_small_cache() {
     assert!(first["pictures"].as_u64().unwrap() >= 1);
     let count = |name: &str| first["pixels"][name].as_u64().unwrap();
     assert_eq!(count("exact") + count("lod") + count("missing"), count("total"), "{first}");
-    let best = with(&["--until", "complete"]);
+    let whole = with(&["--until", "complete"]);
+    assert_eq!((whole["state"].as_str(), share(&whole, "exact")), (Some("converged"), 1.0), "{whole}");
+    assert!(whole["bytes_resident"].as_u64().unwrap() <= 12 << 20, "{whole}");
+    let best = with(&["--until", "complete", "--at-once"]);
     assert_eq!(best["state"], "complete_within_budget");
     assert!(
         best["effective_poe"].as_f64().unwrap() > 0.0 && best["bytes_resident"].as_u64().unwrap() <= 12 << 20,
@@ -133,8 +136,8 @@ fn pictures_in_a_small_cache() {
     let soon = with(&["--until", "0.05"]);
     assert!(soon["seconds"]["first"].as_f64().unwrap() <= soon["seconds"]["render"].as_f64().unwrap() + 0.05, "{soon}");
     std::fs::remove_file(dir.join("b.png")).unwrap();
-    fails(dir, &[&render[..], &["--until", "converged"]].concat(), 1, "does not converge");
-    let short = outcrop(dir, &[&render[..], &["--until", "converged", "--json"]].concat());
+    fails(dir, &[&render[..], &["--until", "converged", "--at-once"]].concat(), 1, "does not converge");
+    let short = outcrop(dir, &[&render[..], &["--until", "converged", "--at-once", "--json"]].concat());
     let said: Value = serde_json::from_slice(&short.stdout).unwrap();
     assert_eq!((short.status.code(), &said["state"], &said["file"]), (Some(1), &best["state"], &Value::Null));
     let stderr = String::from_utf8_lossy(&short.stderr);

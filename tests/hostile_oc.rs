@@ -92,8 +92,16 @@ fn open(context: &Context, bytes: &[u8]) -> outcrop::Result<Arc<SceneState>> {
     let scene = Scene::new(context);
     scene.add_instance(&model, 7, DAffine3::IDENTITY)?;
     // Damaged tables may lack these parts.
-    let _ = scene.set_part_look(7, 102, Look { visible: false, ..Look::default() });
-    let _ = scene.set_part_look(7, 201, Look { colour: Some([1.0, 0.0, 0.0, 1.0]), ..Look::default() });
+    let looks = [
+        (102, Look { visible: false, ..Look::default() }),
+        (201, Look { colour: Some([1.0, 0.0, 0.0, 1.0]), ..Look::default() }),
+    ];
+    for (part, look) in looks {
+        match scene.set_part_look(7, part, look) {
+            Ok(()) | Err(Error::BadArgument(_)) => {}
+            Err(why) => return Err(why),
+        }
+    }
     scene.commit()?;
     Ok(scene.state())
 }

@@ -64,6 +64,10 @@ pub struct Args {
         value_parser = until
     )]
     until: Until,
+    /// End with the picture whose data fits --cache at once. By default a picture that does not fit is completed part by
+    /// part, which takes longer
+    #[arg(long)]
+    at_once: bool,
     /// Print one JSON object
     #[arg(long)]
     json: bool,
@@ -151,7 +155,8 @@ pub fn run(args: &Args) -> Outcome {
     let scene = view::alone(&context, &model, lights, background, &args.parts)?;
     let (width, height) = args.size;
     let frame = Frame::new(&context, FrameOptions { width, height, ..FrameOptions::default() })?;
-    let settings = FrameSettings { samples: args.samples, poe: args.poe, ..FrameSettings::default() };
+    let settings =
+        FrameSettings { samples: args.samples, poe: args.poe, at_once: args.at_once, ..FrameSettings::default() };
     let first = Arc::new(OnceLock::new());
     let seen = Arc::clone(&first);
     frame.set_wake(Some(Arc::new(move || {

@@ -2,8 +2,8 @@
 
 use super::codec::{self, Checked, Holds, Place, decode_with, encode_geometry};
 use super::layout::{
-    Child, EXTERNAL_WORDS, HEADER_WORDS, LONG_VOXEL, MAX_TRIANGLES, MAX_VERTICES, MAX_WORDS, NODE_WORDS, Node,
-    PAD_WORDS, SHORT_VOXEL, WIDTH, leaf_block_head, put_transmitting,
+    Child, EXTERNAL_WORDS, HEADER_WORDS, LONG_VOXEL, MAX_NODES, MAX_TRIANGLES, MAX_VERTICES, MAX_WORDS, NODE_WORDS,
+    Node, PAD_WORDS, SHORT_VOXEL, WIDTH, leaf_block_head, put_transmitting,
 };
 use super::leaf::{APART, LeafForm, NEAR};
 use super::validate::validate;
@@ -190,7 +190,7 @@ fn block(seed: u64, holds: Holds) -> Option<(Vec<u32>, Option<Vec<u32>>)> {
                 Child::External(number) => {
                     places.push([
                         4 + random.below(5) as u32,
-                        random.below(1 << 14) as u32,
+                        random.below(MAX_NODES) as u32,
                         i as u32 | (slot as u32) << 16,
                     ]);
                     Child::External(externals_at + number * EXTERNAL_WORDS)
