@@ -219,10 +219,11 @@ pub struct Pairs {
 }
 
 impl Pairs {
-    /// An empty set for the corners of `triangles` triangles, in less memory than the triangles that wait.
+    /// An empty set for the corners of `triangles` triangles, in less memory than the triangles that wait, or 2 MiB if
+    /// that is more. (A smaller set takes more triangles for neighbours of a detail, which are then in two trees.)
     pub fn of(triangles: u64, shares: &Shares) -> Result<Self> {
         let most = shares.waiting.min(1 << 32);
-        let words = 1 << (triangles.saturating_mul(BITS) / 64).clamp(1 << 12, most.max(1 << 12)).ilog2();
+        let words = 1 << (triangles.saturating_mul(BITS) / 64).clamp(1 << 12, most.max(1 << 18)).ilog2();
         Ok(Self { words: zeroed(words, "vertices of details")? })
     }
 

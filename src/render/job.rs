@@ -361,7 +361,11 @@ impl Request {
             Next::Wait => running.phase = Phase::Waiting,
             Next::End { is_converged } => {
                 running.phase = Phase::Ended;
+                let has_panes = running.passes.has_panes();
                 drop(running);
+                if has_panes {
+                    self.view.rest();
+                }
                 self.finish(&if is_converged { End::Converged } else { End::Budget(unreadable) });
             }
         }
@@ -370,6 +374,7 @@ impl Request {
     /// Begins the next pane, or waits for the turn of this view: the views of a context take turns, because two panes
     /// at once may not fit.
     fn begin_pane(&self) {
+        self.view.rest();
         self.view.end_turn(self.number);
         if self.view.takes_turn(self.number) {
             self.running().passes.begin_pane();
@@ -494,7 +499,9 @@ impl Work for Request {
             pixels.render(&integrator, tile, packets, wanted, scratch, stop).map(|tally| {
                 // No other worker has this tile meanwhile.
                 let mut kept = self.running().passes.take(index);
-                let as_requested = effort.poe == self.settings.poe && scratch.wants.is_empty();
+                // A picture that is to fit at once has one threshold, whatever it is.
+                let is_asked = effort.poe == self.settings.poe || self.settings.at_once;
+                let as_requested = is_asked && scratch.wants.is_empty();
                 let better = kept.add(pixels, tally, effort, as_requested);
                 film.take(tile.0, tile.1, pixels, &better);
                 self.pixels_done.fetch_add(u64::from(pixels.width) * u64::from(pixels.height), Relaxed);

@@ -88,6 +88,8 @@ pub(super) struct Kept {
     pub tally: Tally,
     effort: Option<Effort>,
     hits: Rows,
+    /// Pixels that are as requested: only others that are so replace them.
+    settled: Rows,
     /// `None`: all pixels are exact.
     quality: Option<Box<Quality>>,
 }
@@ -103,7 +105,8 @@ impl Kept {
     pub fn add(&mut self, pixels: &TilePixels, tally: Tally, effort: Effort, as_requested: bool) -> Rows {
         let new = pixels.quality();
         let Some(before) = self.effort else {
-            *self = Self { tally, effort: Some(effort), hits: new.hits, quality: None };
+            let settled = if as_requested { new.rendered } else { [0; TILE as usize] };
+            *self = Self { tally, effort: Some(effort), hits: new.hits, settled, quality: None };
             let count = tally.exact + tally.lod + tally.missing;
             self.quality = (!new.is_exact()).then(|| Box::new(Quality { count, ..new.clone() }));
             return new.rendered;
@@ -111,6 +114,10 @@ impl Kept {
         let is_as_great = effort.is_as_great_as(before);
         if is_as_great {
             self.effort = Some(effort);
+        }
+        let settled = self.settled;
+        if as_requested {
+            self.settled = std::array::from_fn(|row| settled[row] | new.rendered[row]);
         }
         if self.quality.is_none() && new.is_exact() {
             // Pixels that are all exact change only in their samples.
@@ -122,7 +129,7 @@ impl Kept {
             if as_requested {
                 *taken = new.rendered[row];
             } else {
-                for column in bits(new.rendered[row]) {
+                for column in bits(new.rendered[row] & !settled[row]) {
                     let (rank, best) = (new.rank(row, column), old.rank(row, column));
                     *taken |= u32::from(rank < best || rank == best && is_as_great) << column;
                 }
@@ -186,6 +193,8 @@ mod tests {
         let (pixels, tally) = row(&[1.0, 0.0, 0.0]);
         assert_eq!(kept.add(&pixels, tally, FINE, true)[0], 0b111);
         assert_eq!((kept.tally.exact, kept.tally.lod, kept.tally.error_sum, kept.tally.hits), (2, 1, 1.0, 3));
+        // Nothing else replaces it.
+        assert_eq!(add(&mut kept, &[0.5, 0.0, 0.0], FINE), 0);
     }
 
     #[test]

@@ -152,6 +152,8 @@ impl Passes {
         let todo: Vec<usize> = (0..self.tiles.len())
             .filter(|&i| !self.tiles[i].complete.is_some_and(|effort| effort.is_as_great_as(asked)))
             .collect();
+        // They are wanted again in their panes.
+        self.tiles.iter_mut().for_each(|tile| tile.wants.clear());
         if todo.is_empty() {
             return Next::End { is_converged: true };
         }
@@ -161,7 +163,6 @@ impl Passes {
 
     /// Plans a pass over the next pane.
     pub fn begin_pane(&mut self) {
-        self.tiles.iter_mut().for_each(|tile| tile.wants.clear());
         self.pane = self.panes.as_mut().and_then(Panes::next);
         self.todo = Arc::new(self.pane.as_ref().map_or(0..0, tiles_of).collect());
         self.has_news = false;
@@ -285,6 +286,7 @@ impl Passes {
             panes.is_complete();
         }
         self.pane = None;
+        self.tiles.iter_mut().for_each(|tile| tile.wants.clear());
         if panes.next().is_none() {
             return Next::End { is_converged: !panes.gave_up };
         }

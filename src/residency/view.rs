@@ -156,6 +156,13 @@ impl View {
         self.pressure() > 1.0 && self.shared.ease()
     }
 
+    /// Withdraws the view's wants, and lets its blocks be evicted although they were used last by it: its picture does
+    /// not need them any more.
+    pub fn rest(&self) {
+        self.want(&[]);
+        self.core.oldest_live_pass.store(u32::MAX, Relaxed);
+    }
+
     /// Takes the turn for `request`, a number above 0, unless another view has it. Wants of the view that has the turn
     /// never raise the pressure: they come last, and if they do not fit, the state is `Full`.
     pub fn takes_turn(&self, request: u64) -> bool {
