@@ -1291,7 +1291,8 @@ typedef struct oc_pixels {
 
 /**
  * If the data of the picture does not fit the memory budget at once, the request ends with the picture that does, as
- * OC_STATE_COMPLETE_WITHIN_BUDGET. Otherwise it goes on until the picture is as requested.
+ * OC_STATE_COMPLETE_WITHIN_BUDGET. That picture has one threshold, `effective_poe`, and may be coarser in places than
+ * those before. Without this flag the request goes on until the picture is as requested.
  */
 #define OC_FRAME_AT_ONCE 1
 

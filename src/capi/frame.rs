@@ -144,7 +144,8 @@ pub struct oc_frame_settings {
 /// Flags of oc_frame_settings.
 pub type oc_frame_flags = u32;
 /// If the data of the picture does not fit the memory budget at once, the request ends with the picture that does, as
-/// OC_STATE_COMPLETE_WITHIN_BUDGET. Otherwise it goes on until the picture is as requested.
+/// OC_STATE_COMPLETE_WITHIN_BUDGET. That picture has one threshold, `effective_poe`, and may be coarser in places than
+/// those before. Without this flag the request goes on until the picture is as requested.
 pub const OC_FRAME_AT_ONCE: oc_frame_flags = 1;
 
 // SAFETY: `repr(C)`, integers and floats without padding, `struct_size` first.

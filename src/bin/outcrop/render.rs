@@ -64,8 +64,8 @@ pub struct Args {
         value_parser = until
     )]
     until: Until,
-    /// End with the picture whose data fits --cache at once. By default a picture that does not fit is completed part by
-    /// part, which takes longer
+    /// End with the picture whose data fits --cache at once. By default a picture that does not fit is completed part
+    /// by part, which takes longer
     #[arg(long)]
     at_once: bool,
     /// Print one JSON object
