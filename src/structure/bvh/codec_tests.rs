@@ -190,7 +190,8 @@ fn block(seed: u64, holds: Holds) -> Option<(Vec<u32>, Option<Vec<u32>>)> {
                 Child::External(number) => {
                     places.push([
                         4 + random.below(5) as u32,
-                        random.below(MAX_NODES) as u32,
+                        // No two references lead to one node.
+                        (MAX_NODES - 1 - number) as u32,
                         i as u32 | (slot as u32) << 16,
                     ]);
                     Child::External(externals_at + number * EXTERNAL_WORDS)
