@@ -2,7 +2,7 @@
 //!
 //! A process of its own: the count of bytes is the process's.
 
-#[path = "hostile/counting.rs"]
+#[path = "common/counting.rs"]
 mod counting;
 #[path = "hostile/makers.rs"]
 mod makers;

@@ -155,6 +155,17 @@ pub trait PutBytes {
     }
 }
 
+/// Appends `value` as a variable-length number: seven bits a byte, the lowest first; the top bit is set in all but
+/// the last.
+#[inline]
+pub fn push_varint(out: &mut Vec<u8>, mut value: u32) {
+    while value >= 0x80 {
+        out.push(value as u8 | 0x80);
+        value >>= 7;
+    }
+    out.push(value as u8);
+}
+
 impl PutBytes for Vec<u8> {
     fn put_bytes(&mut self, bytes: &[u8]) {
         self.extend_from_slice(bytes);

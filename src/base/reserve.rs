@@ -197,7 +197,7 @@ impl Store {
                 self.used.store(0, Ordering::Relaxed);
                 return;
             }
-            // SAFETY: the block, of at least 16 bytes and aligned to 16, is nobody's.
+            // SAFETY: the block, of at least 16 bytes and aligned to 16, belongs to no caller any more.
             unsafe { memory.cast::<usize>().write(state.free[class]) };
             state.free[class] = offset + 1;
         });
@@ -217,8 +217,9 @@ mod tests {
             null_mut()
         }
         unsafe fn dealloc(&self, _: *mut u8, _: Layout) {
-            unreachable!("memory of nobody");
+            unreachable!("it has provided none");
         }
+        // SAFETY: it provides no memory.
         unsafe fn realloc(&self, _: *mut u8, _: Layout, _: usize) -> *mut u8 {
             null_mut()
         }

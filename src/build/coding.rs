@@ -13,6 +13,7 @@
 //! | 4 x triangles | colours, channel by channel |
 
 use super::batch::{Batch, Positions};
+use crate::base::bytes::push_varint;
 use bytemuck::must_cast;
 use glam::{DVec3, Vec3};
 use lz4_flex::block;
@@ -87,14 +88,6 @@ pub fn encode(batch: &Batch) -> Vec<u8> {
     out[4..8].copy_from_slice(&vertices.to_le_bytes());
     (0..4).for_each(|channel| out.extend(batch.colours.iter().map(|c| c[channel])));
     block::compress_prepend_size(&out)
-}
-
-fn push_varint(out: &mut Vec<u8>, mut value: u32) {
-    while value >= 0x80 {
-        out.push(value as u8 | 0x80);
-        value >>= 7;
-    }
-    out.push(value as u8);
 }
 
 fn push_parts(out: &mut Vec<u8>, parts: &[u32]) {

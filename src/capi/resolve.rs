@@ -173,11 +173,13 @@ mod tests {
         static FREED: Cell<usize> = const { Cell::new(0) };
     }
 
+    // SAFETY: it reads no pointer.
     unsafe extern "C" fn free(_: *mut c_void) {
         FREED.set(FREED.get() + 1);
     }
 
     /// Answers as `user`, an answer and a status, says.
+    // SAFETY: callers pass an answer and a status, texts, and room for the answer.
     unsafe extern "C" fn resolve(
         user: *mut c_void,
         uri: *const c_char,

@@ -1,6 +1,6 @@
 //! Buffers of a picture, during rendering and when it is complete.
 
-use super::kept::Rows;
+use super::merged::Rows;
 use super::tile::TilePixels;
 use crate::base::error::Result;
 use crate::base::memory::zeroed;

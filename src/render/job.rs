@@ -2,8 +2,8 @@
 //!
 //! The first pass renders all tiles from the blocks in memory, with stand-ins for missing blocks, so the picture is
 //! complete at once. The request then wants the missing blocks. When some of them have arrived, a pass renders the
-//! tiles that lacked blocks again, and so on until no block is missing. Passes with more samples follow. `passes.rs`
-//! decides the order. No thread waits between passes: the request is then only a state that news of the residency
+//! tiles that lacked blocks again, and so on until no block is missing. Passes with more samples follow. If the
+//! blocks do not fit at once, the picture is completed pane by pane (`panes.rs`). `passes.rs` decides the order. No thread waits between passes: the request is then only a state that news of the residency
 //! wakes.
 //!
 //! Before the first picture of a frame, probes of every 32nd pixel find the blocks that it will lack. The worker that
@@ -15,7 +15,7 @@ use super::frame::FrameSettings;
 use super::integrators::Integrator;
 use super::integrators::direct::{Asks, Direct, Scratch};
 use super::integrators::plain;
-use super::kept::Kept;
+use super::merged::Merged;
 use super::passes::{Next, Now, Passes, Seen};
 use super::status::Progress;
 use super::tile::{TilePixels, tiles_from_the_middle};
@@ -492,26 +492,26 @@ impl Work for Request {
         let stop = || self.stop.load(Relaxed);
         let TileScratch { pixels, scratch } = &mut *tile_scratch;
         scratch.wants.clear();
-        let kept = if is_probe {
+        let merged = if is_probe {
             TilePixels::probe(&integrator, tile, scratch);
-            Some(Kept::default())
+            Some(Merged::default())
         } else {
             pixels.render(&integrator, tile, packets, wanted, scratch, stop).map(|tally| {
                 // No other worker has this tile meanwhile.
-                let mut kept = self.running().passes.take(index);
+                let mut merged = self.running().passes.take(index);
                 // A picture that is to fit at once has one threshold, whatever it is.
                 let is_asked = effort.poe == self.settings.poe || self.settings.at_once;
                 let as_requested = is_asked && scratch.wants.is_empty();
-                let better = kept.add(pixels, tally, effort, as_requested);
+                let better = merged.add(pixels, tally, effort, as_requested);
                 film.take(tile.0, tile.1, pixels, &better);
                 self.pixels_done.fetch_add(u64::from(pixels.width) * u64::from(pixels.height), Relaxed);
-                kept
+                merged
             })
         };
         scratch.wants.add_up();
         let mut running = self.running();
-        if let Some(kept) = kept {
-            running.passes.done(index, kept, effort, &tile_scratch.scratch.wants);
+        if let Some(merged) = merged {
+            running.passes.done(index, merged, effort, &tile_scratch.scratch.wants);
         }
         running.free.push(tile_scratch);
         Ok(())

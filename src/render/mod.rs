@@ -5,7 +5,7 @@ pub mod film;
 pub mod frame;
 mod integrators;
 mod job;
-mod kept;
+mod merged;
 mod panes;
 mod passes;
 mod pick;

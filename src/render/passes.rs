@@ -1,6 +1,6 @@
 //! Plan of a request's passes: the blocks that each tile lacked, and the next step after each pass.
 
-use super::kept::{Effort, Kept};
+use super::merged::{Effort, Merged};
 use super::panes::{Panes, packets_of, tiles_of};
 use super::status::Progress;
 use super::tile::{PACKETS, Tally};
@@ -58,7 +58,7 @@ pub(super) fn effective_poe(asked: f32, pressure: f32) -> f32 {
 /// A tile, and the blocks that its last rendering lacked.
 #[derive(Clone, Default)]
 struct Tile {
-    kept: Kept,
+    merged: Merged,
     wants: Wants,
     /// The greatest effort of a rendering that lacked no block.
     complete: Option<Effort>,
@@ -189,17 +189,17 @@ impl Passes {
     }
 
     /// Takes a tile to add pixels to it; [`Passes::done`] puts it back.
-    pub fn take(&mut self, tile: usize) -> Kept {
-        std::mem::take(&mut self.tiles[tile].kept)
+    pub fn take(&mut self, tile: usize) -> Merged {
+        std::mem::take(&mut self.tiles[tile].merged)
     }
 
     /// Stores a rendered tile.
-    pub fn done(&mut self, tile: usize, kept: Kept, effort: Effort, wants: &Wants) {
+    pub fn done(&mut self, tile: usize, merged: Merged, effort: Effort, wants: &Wants) {
         let is_whole = !self.is_probe && self.packets(tile).len() == PACKETS;
         let before = self.tiles[tile].complete;
         let is_better = is_whole && wants.is_empty() && before.is_none_or(|before| effort.is_as_great_as(before));
         let complete = if is_better { Some(effort) } else { before };
-        self.tiles[tile] = Tile { kept, wants: wants.clone(), complete };
+        self.tiles[tile] = Tile { merged, wants: wants.clone(), complete };
     }
 
     /// Notes that all tiles of a pass were rendered and the picture can be mapped.
@@ -210,7 +210,7 @@ impl Passes {
 
     fn tally(&self) -> Tally {
         let mut sum = Tally::default();
-        self.tiles.iter().for_each(|tile| sum.add(&tile.kept.tally));
+        self.tiles.iter().for_each(|tile| sum.add(&tile.merged.tally));
         sum
     }
 
@@ -347,7 +347,7 @@ mod tests {
     fn render(passes: &mut Passes, wants: impl Fn(usize) -> Wants) {
         for item in 0..passes.items() {
             let tile = passes.tile(item);
-            passes.done(tile, Kept::of(Tally::default()), EFFORT, &wants(tile));
+            passes.done(tile, Merged::of(Tally::default()), EFFORT, &wants(tile));
         }
         passes.is_shown();
     }
@@ -428,14 +428,14 @@ mod tests {
         let counted = |passes: &mut Passes| {
             passes.progress(Now { share: 0.5, wanted: 0, come: 0, seconds: 1.0 }, 0.0).tally.exact
         };
-        passes.done(0, Kept::of(of(3)), EFFORT, &Wants::default());
+        passes.done(0, Merged::of(of(3)), EFFORT, &Wants::default());
         assert_eq!(counted(&mut passes), 3);
-        passes.done(1, Kept::of(of(4)), EFFORT, &Wants::default());
+        passes.done(1, Merged::of(of(4)), EFFORT, &Wants::default());
         passes.is_shown();
         assert_eq!(passes.next(CALM, 0.0), Next::Pass { afresh: false });
-        passes.done(0, Kept::of(of(1)), EFFORT, &Wants::default());
+        passes.done(0, Merged::of(of(1)), EFFORT, &Wants::default());
         assert_eq!(counted(&mut passes), 7);
-        passes.done(1, Kept::of(of(1)), EFFORT, &Wants::default());
+        passes.done(1, Merged::of(of(1)), EFFORT, &Wants::default());
         passes.is_shown();
         assert_eq!(counted(&mut passes), 2);
     }

@@ -4,7 +4,7 @@ use super::film::{Buffer, Outputs};
 use super::integrators::direct::{ACROSS, DOWN, Scratch};
 use super::integrators::first::First;
 use super::integrators::{Integrator, Picture};
-use super::kept::Quality;
+use super::merged::Quality;
 use crate::math::bits;
 use crate::math::srgb::Srgb;
 use crate::math::{BUNDLE, PACKET};

@@ -135,6 +135,33 @@ impl Residency {
     }
 }
 
+impl Shared {
+    /// Charges `bytes`. Evicts blocks in use if it must, and then waits until passes that hold them have ended,
+    /// [`FOR_ROOM`] at most. Fails with `Cancelled`, or with `OverBudget` for `what`, which lacks `lacking` bytes.
+    pub fn charge_when_free(
+        &self,
+        bytes: u64,
+        lacking: u64,
+        what: &dyn Fn() -> String,
+        cancel: &Cancel,
+    ) -> Result<Charge> {
+        let begun = Instant::now();
+        loop {
+            let charge = if self.takes_room(0) { self.main.charge(bytes, 0) } else { None };
+            if let Some(charge) = charge {
+                return Ok(charge);
+            }
+            cancel.check()?;
+            if begun.elapsed() >= FOR_ROOM {
+                let have = self.budget();
+                let what = format!("{} in addition to the data in use", what());
+                return Err(Error::OverBudget { what, need: grown(have, lacking), have });
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+}
+
 impl Admission {
     /// Admits further needs. See [`Residency::admit`].
     pub(super) fn add(&mut self, more: Needs, rest: impl FnOnce() -> Result<Needs>, cancel: &Cancel) -> Result<()> {
@@ -156,22 +183,10 @@ impl Admission {
     /// Charges the tables. Evicts blocks in use if it must, and then waits until passes that hold them have ended,
     /// [`FOR_ROOM`] at most.
     fn charge(&mut self, more: Needs, cancel: &Cancel) -> Result<()> {
-        let begun = Instant::now();
-        loop {
-            let charge = if self.shared.takes_room(0) { self.shared.main.charge(more.tables, 0) } else { None };
-            if let Some(charge) = charge {
-                self.charges.push(charge);
-                return Ok(());
-            }
-            cancel.check()?;
-            if begun.elapsed() >= FOR_ROOM {
-                let have = self.shared.budget();
-                let what = format!("opening {} in addition to the data in use", self.name.display());
-                let need = grown(have, more.tables + more.changes + more.pinned);
-                return Err(Error::OverBudget { what, need, have });
-            }
-            std::thread::sleep(Duration::from_millis(1));
-        }
+        let what = || format!("opening {}", self.name.display());
+        let lacking = more.tables + more.changes + more.pinned;
+        self.charges.push(self.shared.charge_when_free(more.tables, lacking, &what, cancel)?);
+        Ok(())
     }
 
     pub(super) fn key(&self) -> ModelKey {

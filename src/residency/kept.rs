@@ -1,11 +1,11 @@
 //! Memory beside blocks and tables of models that counts against the budget: what scenes hold.
 
 use super::account::Charge;
-use super::admit::{Needs, grown};
-use super::core::{FOR_ROOM, Residency, Shared};
+use super::admit::Needs;
+use super::core::{Residency, Shared};
 use crate::base::error::{Error, Result};
+use crate::base::progress::Cancel;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
 
 /// Most bytes of an object that do not count against the budget: a scene of some instances must fit the least budget of
 /// its models.
@@ -20,7 +20,7 @@ pub struct Kept {
 
 impl Residency {
     /// Charges `bytes` of memory, evicting blocks if it must; up to [`UNCOUNTED`] bytes are not charged. If passes hold
-    /// the evicted blocks, waits until they have ended, [`FOR_ROOM`] at most. Fails with `OverBudget`, which says
+    /// the evicted blocks, waits until they have ended, [`super::core::FOR_ROOM`] at most. Fails with `OverBudget`, which says
     /// `what` the memory is for.
     pub fn keep(&self, what: &str, bytes: u64) -> Result<Kept> {
         if bytes <= UNCOUNTED {
@@ -37,20 +37,8 @@ impl Residency {
         }
         // From here on the drop of `kept` gives the memory back.
         let mut kept = Kept { charge: Charge::default(), of: Some((Arc::clone(&shared), bytes)) };
-        let begun = Instant::now();
-        loop {
-            if shared.takes_room(0)
-                && let Some(charge) = shared.main.charge(bytes, 0)
-            {
-                kept.charge = charge;
-                return Ok(kept);
-            }
-            if begun.elapsed() >= FOR_ROOM {
-                let what = format!("{what} in addition to the data in use");
-                return Err(Error::OverBudget { what, need: grown(have, bytes), have });
-            }
-            std::thread::sleep(Duration::from_millis(1));
-        }
+        kept.charge = shared.charge_when_free(bytes, bytes, &|| what.into(), &Cancel::new())?;
+        Ok(kept)
     }
 }
 

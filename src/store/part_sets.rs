@@ -1,7 +1,7 @@
 //! The parts in and below each geometry block (FORMAT.md, section 5). A scene with hidden parts derives from them which
 //! blocks it does not need.
 
-use crate::base::bytes::{ByteReader, Malformed, PutBytes, ensure};
+use crate::base::bytes::{ByteReader, Malformed, PutBytes, ensure, push_varint};
 
 /// Sets of local parts, one for each geometry block, in the order of the blocks.
 ///
@@ -38,7 +38,7 @@ impl PartSets {
     pub fn push(&mut self, parts: impl IntoIterator<Item = u32>) -> Result<(), Malformed> {
         let mut next = 0u32;
         for part in parts {
-            put_varint(&mut self.lists, part.wrapping_sub(next));
+            push_varint(&mut self.lists, part.wrapping_sub(next));
             next = part.wrapping_add(1);
         }
         self.end()
@@ -134,14 +134,6 @@ impl Iterator for Parts<'_> {
         self.next = part + 1;
         u32::try_from(part).ok()
     }
-}
-
-fn put_varint(out: &mut Vec<u8>, mut value: u32) {
-    while value >= 0x80 {
-        out.push(value as u8 | 0x80);
-        value >>= 7;
-    }
-    out.push(value as u8);
 }
 
 /// Removes a varint of at most 32 bits from the front; `None` if there is none, or it is malformed.

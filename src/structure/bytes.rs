@@ -85,16 +85,6 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// Appends `value` as a variable-length number.
-#[inline]
-pub fn push_varint(out: &mut Vec<u8>, mut value: u32) {
-    while value >= 0x80 {
-        out.push(value as u8 | 0x80);
-        value >>= 7;
-    }
-    out.push(value as u8);
-}
-
 /// Appends words as four byte planes: the lowest bytes of all words, then the next bytes of all words, and so on.
 pub fn push_planes(out: &mut Vec<u8>, words: impl Iterator<Item = u32> + Clone) {
     (0..4).for_each(|byte| out.extend(words.clone().map(|w| (w >> (8 * byte)) as u8)));
@@ -133,6 +123,7 @@ pub fn unzigzag(value: u32) -> i32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::bytes::push_varint;
     use proptest::prelude::*;
 
     proptest! {

@@ -3,7 +3,8 @@
 //! The form is the same for all structures. `src/store/FORMAT.md` describes the bytes in "Primitive ids" and "Colours".
 //! Each block of triangles has one block of each stream, in the order of its triangles.
 
-use super::bytes::{Reader, push_varint, unzigzag, zigzag};
+use super::bytes::{Reader, unzigzag, zigzag};
+use crate::base::bytes::push_varint;
 
 /// Result of decoding, or the fault in a few words.
 type Checked<T> = Result<T, String>;

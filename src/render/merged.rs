@@ -84,7 +84,7 @@ impl Quality {
 
 /// A tile of the picture.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Kept {
+pub(super) struct Merged {
     pub tally: Tally,
     effort: Option<Effort>,
     hits: Rows,
@@ -94,7 +94,7 @@ pub(super) struct Kept {
     quality: Option<Box<Quality>>,
 }
 
-impl Kept {
+impl Merged {
     #[cfg(test)]
     pub fn of(tally: Tally) -> Self {
         Self { tally, effort: Some(Effort { poe: 0.0, samples: 1 }), ..Self::default() }
@@ -172,40 +172,40 @@ mod tests {
         (pixels, tally)
     }
 
-    fn add(kept: &mut Kept, errors: &[f32], effort: Effort) -> u32 {
+    fn add(merged: &mut Merged, errors: &[f32], effort: Effort) -> u32 {
         let (pixels, tally) = row(errors);
-        kept.add(&pixels, tally, effort, false)[0]
+        merged.add(&pixels, tally, effort, false)[0]
     }
 
     #[test]
     fn a_pixel_gives_way_only_to_one_of_smaller_error() {
-        let mut kept = Kept::default();
-        assert_eq!(add(&mut kept, &[3.0, 1.0, 0.0], FINE), 0b111);
+        let mut merged = Merged::default();
+        assert_eq!(add(&mut merged, &[3.0, 1.0, 0.0], FINE), 0b111);
         // Coarser pixels, and equal ones with less effort, do not replace others.
-        assert_eq!(add(&mut kept, &[2.0, 2.0, 0.0], COARSE), 0b001);
-        assert_eq!((kept.tally.exact, kept.tally.lod, kept.tally.error_sum), (1, 2, 3.0));
+        assert_eq!(add(&mut merged, &[2.0, 2.0, 0.0], COARSE), 0b001);
+        assert_eq!((merged.tally.exact, merged.tally.lod, merged.tally.error_sum), (1, 2, 3.0));
         // More samples of equal pixels do.
-        assert_eq!(add(&mut kept, &[2.0, 1.0, 0.0], Effort { samples: 4, ..FINE }), 0b111);
-        assert_eq!(add(&mut kept, &[0.0, 0.0, 0.0], FINE), 0b011);
-        assert_eq!((kept.tally.exact, kept.tally.error_sum, kept.tally.hits), (3, 0.0, 3));
-        assert_eq!(add(&mut kept, &[1.0, 0.0, 0.0], FINE), 0);
+        assert_eq!(add(&mut merged, &[2.0, 1.0, 0.0], Effort { samples: 4, ..FINE }), 0b111);
+        assert_eq!(add(&mut merged, &[0.0, 0.0, 0.0], FINE), 0b011);
+        assert_eq!((merged.tally.exact, merged.tally.error_sum, merged.tally.hits), (3, 0.0, 3));
+        assert_eq!(add(&mut merged, &[1.0, 0.0, 0.0], FINE), 0);
         // What is requested replaces everything.
         let (pixels, tally) = row(&[1.0, 0.0, 0.0]);
-        assert_eq!(kept.add(&pixels, tally, FINE, true)[0], 0b111);
-        assert_eq!((kept.tally.exact, kept.tally.lod, kept.tally.error_sum, kept.tally.hits), (2, 1, 1.0, 3));
+        assert_eq!(merged.add(&pixels, tally, FINE, true)[0], 0b111);
+        assert_eq!((merged.tally.exact, merged.tally.lod, merged.tally.error_sum, merged.tally.hits), (2, 1, 1.0, 3));
         // Nothing else replaces it.
-        assert_eq!(add(&mut kept, &[0.5, 0.0, 0.0], FINE), 0);
+        assert_eq!(add(&mut merged, &[0.5, 0.0, 0.0], FINE), 0);
     }
 
     #[test]
     fn mean_and_worst_error_never_rise() {
-        let mut kept = Kept::default();
+        let mut merged = Merged::default();
         let mut before = (f64::INFINITY, f32::INFINITY);
         for seed in 0..200u32 {
             let error = |i: u32| (seed.wrapping_mul(2_654_435_761) ^ i.wrapping_mul(40_503)) % 97;
             let errors: Vec<f32> = (0..32).map(|i| error(i) as f32).collect();
-            add(&mut kept, &errors, if seed.is_multiple_of(3) { FINE } else { COARSE });
-            let now = (kept.tally.error_sum, kept.tally.error_max);
+            add(&mut merged, &errors, if seed.is_multiple_of(3) { FINE } else { COARSE });
+            let now = (merged.tally.error_sum, merged.tally.error_max);
             assert!(now.0 <= before.0 && now.1 <= before.1, "{now:?} after {before:?}");
             before = now;
         }
