@@ -11,7 +11,7 @@ use outcrop::import::MaterialDesc;
 use outcrop::math::{Cone, Ray};
 use outcrop::query::{Hit, HitKind, Policy, QueryOptions, Want};
 use outcrop::render::{Buffer, Frame, FrameOptions, FrameSettings, FrameState, Outputs};
-use outcrop::scene::{Camera, Context, ContextOptions, Look, Model, Scene};
+use outcrop::scene::{Camera, Context, ContextOptions, Look, Model, Scene, Scope};
 use std::time::Duration;
 
 /// Pixels of error at which cells stand in: those of a bvh go down to few triangles.
@@ -260,7 +260,46 @@ fn parts_of_opacity_zero_are_hit_and_hidden_ones_are_not() {
     assert!(through == without, "{through:?} {without:?} {opaque:?}");
 }
 
+/// Looks belong to the ids of parts: they survive a model that is built anew with its parts in another order. One call
+/// takes as many looks as there are parts, and either all or none.
+fn looks_survive_a_rebuild() {
+    let square = |id: u64| {
+        let at = |x: f64, y: f64| DVec3::new(2.0 * id as f64 + x, y, 0.0);
+        vec![[at(0.0, 0.0), at(1.0, 0.0), at(0.0, 1.0)]]
+    };
+    let count = built::sized(100_000, 2000u64);
+    let build = |ids: &mut dyn Iterator<Item = u64>| {
+        built::parts(&ids.map(|id| Part::white(id, square(id))).collect::<Vec<_>>())
+    };
+    let (first, second) = (build(&mut (0..count)), build(&mut (1..count).rev()));
+    let context = built::context(2);
+    let (scene, _model) = built::scene(&context, &first);
+    let seen = |id: u64| {
+        let from = DVec3::new(2.0 * id as f64 + 0.25, 0.25, 5.0);
+        let hit = ask(&scene, &[Ray::new(from, glam::Vec3::NEG_Z)], Policy::Exact)[0];
+        (hit.kind != HitKind::Miss).then_some(hit.part)
+    };
+    let even: Vec<u64> = (0..count).step_by(2).collect();
+    let hidden = Look { visible: false, ..Look::default() };
+    let with_unknown: Vec<u64> = (0..=count).collect();
+    scene.set_parts_look(7, &with_unknown, Scope::Own, hidden).expect_err("one part does not exist");
+    scene.commit().expect("a commit");
+    assert_eq!(seen(2), Some(2), "none is hidden");
+    scene.set_parts_look(7, &even, Scope::Own, hidden).expect("looks");
+    scene.commit().expect("a commit");
+    let some = [0, 1, 2, 3, count / 2, count - 2, count - 1];
+    let before = some.map(seen);
+    assert_eq!(before[..4], [None, Some(1), None, Some(3)]);
+    scene.set_model(7, &Model::open(&context, &second.path).expect("a model")).expect("exchanged");
+    scene.commit().expect("a commit");
+    assert_eq!(some.map(seen), before);
+    scene.isolate_parts(7, &[2], Scope::Own).expect("one part");
+    scene.commit().expect("a commit");
+    assert_eq!(some.map(seen), [None, None, Some(2), None, None, None, None]);
+}
+
 built::on_each_structure!(
+    looks_survive_a_rebuild,
     parts_of_opacity_zero_are_hit_and_hidden_ones_are_not,
     rays_meet_only_what_is_visible,
     parts_keep_their_looks_under_stand_ins,
