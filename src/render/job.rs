@@ -2,9 +2,9 @@
 //!
 //! The first pass renders all tiles from the blocks in memory, with stand-ins for missing blocks, so the picture is
 //! complete at once. The request then wants the missing blocks. When some of them have arrived, a pass renders the
-//! tiles that lacked blocks again, and so on until no block is missing. Passes with more samples follow. If the
-//! blocks do not fit at once, the picture is completed pane by pane (`panes.rs`). `passes.rs` decides the order. No thread waits between passes: the request is then only a state that news of the residency
-//! wakes.
+//! tiles that lacked blocks again, and so on until no block is missing. Passes with more samples follow. If the blocks
+//! do not fit at once, the picture is completed pane by pane (`panes.rs`). `passes.rs` decides the order. No thread
+//! waits between passes: the request is then only a state that news of the residency wakes.
 //!
 //! Before the first picture of a frame, probes of every 32nd pixel find the blocks that it will lack. The worker that
 //! ends a probe waits for these blocks, [`GLIMPSES`] at most. So the first picture of a newly opened model already has

@@ -20,8 +20,8 @@ pub struct Kept {
 
 impl Residency {
     /// Charges `bytes` of memory, evicting blocks if it must; up to [`UNCOUNTED`] bytes are not charged. If passes hold
-    /// the evicted blocks, waits until they have ended, [`super::core::FOR_ROOM`] at most. Fails with `OverBudget`, which says
-    /// `what` the memory is for.
+    /// the evicted blocks, waits until they have ended, [`super::core::FOR_ROOM`] at most. Fails with `OverBudget`,
+    /// which says `what` the memory is for.
     pub fn keep(&self, what: &str, bytes: u64) -> Result<Kept> {
         if bytes <= UNCOUNTED {
             return Ok(Kept::default());
