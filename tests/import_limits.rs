@@ -2,63 +2,15 @@
 
 mod common;
 mod models;
+#[path = "common/thread_memory.rs"]
+mod thread_memory;
 
 use glam::{DAffine3, DVec3};
 use models::MODELS;
 use outcrop::base::progress::Cancel;
 use outcrop::import::{MaterialDesc, MaterialKey, MeshKey, PartDesc, PartKey, ReadOptions, Sink, UpAxis, read_file};
 use outcrop::{Error, Result};
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::cell::Cell;
 use std::path::Path;
-
-/// Counts the bytes that the present thread holds, and the most it ever held.
-struct Counting;
-
-thread_local! {
-    static HELD: Cell<(i64, i64)> = const { Cell::new((0, 0)) };
-}
-
-fn count(bytes: i64) {
-    // A thread that is ending has no count any more.
-    let _ = HELD.try_with(|held| {
-        let (now, most) = held.get();
-        held.set((now + bytes, most.max(now + bytes)));
-    });
-}
-
-// SAFETY: every call goes to the system's allocator unchanged.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        count(layout.size() as i64);
-        // SAFETY: the caller's promise.
-        unsafe { System.alloc(layout) }
-    }
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        count(-(layout.size() as i64));
-        // SAFETY: the caller's promise.
-        unsafe { System.dealloc(pointer, layout) }
-    }
-    unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
-        count(layout.size() as i64);
-        // SAFETY: the caller's promise.
-        unsafe { System.alloc_zeroed(layout) }
-    }
-}
-
-#[global_allocator]
-static ALLOCATOR: Counting = Counting;
-
-/// Most bytes that `work` held at a time beyond those held before.
-fn most_held<T>(work: impl FnOnce() -> T) -> (i64, T) {
-    let before = HELD.with(|held| {
-        let (now, _) = held.get();
-        held.set((now, now));
-        now
-    });
-    let outcome = work();
-    (HELD.with(Cell::get).1 - before, outcome)
-}
 
 /// Counts triangles; may cancel or fail when the first ones come.
 #[derive(Default)]
@@ -114,7 +66,7 @@ fn read(path: &Path, sink: &mut Counter) -> Result<()> {
 }
 
 /// Window, batch and tables of a reader, whatever the file.
-const FIXED: i64 = 1 << 20;
+const FIXED: u64 = 1 << 20;
 
 #[test]
 fn memory_is_a_small_multiple_of_the_file() {
@@ -124,8 +76,8 @@ fn memory_is_a_small_multiple_of_the_file() {
             continue;
         }
         let Some(path) = common::models::find(row.file) else { continue };
-        let bytes = std::fs::metadata(&path).expect("metadata").len() as i64;
-        let (most, outcome) = most_held(|| read(&path, &mut Counter::default()));
+        let bytes = std::fs::metadata(&path).expect("metadata").len();
+        let (outcome, most) = thread_memory::peak(|| read(&path, &mut Counter::default()));
         outcome.expect(row.file);
         println!("{}: {bytes} bytes, {most} held", row.file);
         assert!(most < FIXED + bytes, "{}: {most} bytes for a file of {bytes}", row.file);
@@ -179,7 +131,7 @@ fn claims_take_no_memory() {
     for (name, bytes) in files {
         let path = folder.path().join(name);
         std::fs::write(&path, &bytes).expect("a file");
-        let (most, outcome) = most_held(|| read(&path, &mut Counter::default()));
+        let (outcome, most) = thread_memory::peak(|| read(&path, &mut Counter::default()));
         let error = outcome.expect_err(name);
         assert!(matches!(error, Error::Parse { .. }), "{name}: {error}");
         assert!(most < FIXED, "{name}: {most} bytes held for: {error}");

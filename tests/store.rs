@@ -14,8 +14,8 @@ use std::sync::atomic::{AtomicU32, Ordering::SeqCst};
 #[cfg(unix)]
 #[path = "store/ending_early.rs"]
 mod ending_early;
-#[path = "store/live.rs"]
-mod live;
+#[path = "common/thread_memory.rs"]
+mod thread_memory;
 
 /// All that a model file holds.
 #[derive(Debug, Clone, PartialEq)]
@@ -345,11 +345,9 @@ fn fields_are_where_the_format_says() {
 
 /// Opens, reads and checks; what is accepted must be a model that can be written and read again.
 fn error_or_consistent(bytes: &[u8]) -> bool {
-    let before = live::reset_peak();
-    let read = Model::of_bytes(bytes);
-    let took = live::peak() - before;
+    let (read, took) = thread_memory::peak(|| Model::of_bytes(bytes));
     // Payloads of the test models expand by less than their block size, 64 KB.
-    assert!(took < (1 << 20) + 16 * bytes.len(), "{took} bytes of memory for {} bytes", bytes.len());
+    assert!(took < (1 << 20) + 16 * bytes.len() as u64, "{took} bytes of memory for {} bytes", bytes.len());
     match read {
         Ok(model) => {
             assert_eq!(Model::of_bytes(&model.bytes()).unwrap(), model);

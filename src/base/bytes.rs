@@ -166,6 +166,22 @@ pub fn push_varint(out: &mut Vec<u8>, mut value: u32) {
     out.push(value as u8);
 }
 
+/// Removes a number that [`push_varint`] appended from the front; `None` if the bytes end within it, or it has more
+/// than 32 bits.
+#[inline]
+pub fn take_varint(bytes: &mut &[u8]) -> Option<u32> {
+    let mut value = 0u32;
+    for shift in [0, 7, 14, 21, 28] {
+        let (&byte, rest) = bytes.split_first()?;
+        *bytes = rest;
+        value |= u32::from(byte & 0x7f) << shift;
+        if byte & 0x80 == 0 {
+            return (shift < 28 || byte < 16).then_some(value);
+        }
+    }
+    None
+}
+
 impl PutBytes for Vec<u8> {
     fn put_bytes(&mut self, bytes: &[u8]) {
         self.extend_from_slice(bytes);

@@ -13,7 +13,7 @@
 //! | 4 x triangles | colours, channel by channel |
 
 use super::batch::{Batch, Positions};
-use crate::base::bytes::push_varint;
+use crate::base::bytes::{push_varint, take_varint};
 use bytemuck::must_cast;
 use glam::{DVec3, Vec3};
 use lz4_flex::block;
@@ -157,18 +157,8 @@ impl<'a> Reader<'a> {
     fn u32(&mut self) -> Option<u32> {
         self.take(4)?.first_chunk().map(|b| u32::from_le_bytes(*b))
     }
-    #[inline]
     fn varint(&mut self) -> Option<u32> {
-        let mut value = 0u32;
-        for shift in [0, 7, 14, 21, 28] {
-            let (&byte, rest) = self.0.split_first()?;
-            self.0 = rest;
-            value |= u32::from(byte & 0x7f) << shift;
-            if byte & 0x80 == 0 {
-                return Some(value);
-            }
-        }
-        None
+        take_varint(&mut self.0)
     }
 }
 

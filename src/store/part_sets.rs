@@ -1,7 +1,7 @@
 //! The parts in and below each geometry block (FORMAT.md, section 5). A scene with hidden parts derives from them which
 //! blocks it does not need.
 
-use crate::base::bytes::{ByteReader, Malformed, PutBytes, ensure, push_varint};
+use crate::base::bytes::{ByteReader, Malformed, PutBytes, ensure, push_varint, take_varint};
 
 /// Sets of local parts, one for each geometry block, in the order of the blocks.
 ///
@@ -134,20 +134,6 @@ impl Iterator for Parts<'_> {
         self.next = part + 1;
         u32::try_from(part).ok()
     }
-}
-
-/// Removes a varint of at most 32 bits from the front; `None` if there is none, or it is malformed.
-fn take_varint(bytes: &mut &[u8]) -> Option<u32> {
-    let mut value = 0u64;
-    for i in 0..5 {
-        let (&byte, rest) = bytes.split_first()?;
-        *bytes = rest;
-        value |= u64::from(byte & 0x7f) << (7 * i);
-        if byte & 0x80 == 0 {
-            return u32::try_from(value).ok();
-        }
-    }
-    None
 }
 
 #[cfg(test)]

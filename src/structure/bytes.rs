@@ -1,5 +1,7 @@
 //! Reads and writes the small numbers of a block's file form.
 
+use crate::base::bytes::take_varint;
+
 /// Reader of a payload. Each call fails if the payload has too few bytes left.
 pub struct Reader<'a> {
     rest: &'a [u8],
@@ -49,19 +51,10 @@ impl<'a> Reader<'a> {
         self.array().map(u32::from_le_bytes)
     }
 
-    /// Reads a variable-length number: 7 bits a byte, lowest bits first, top bit set in all bytes but the last.
+    /// Reads a variable-length number, see [`take_varint`].
     #[inline]
     pub fn varint(&mut self) -> Result<u32, String> {
-        let mut value = 0u32;
-        for shift in [0, 7, 14, 21, 28] {
-            let byte = self.u8()?;
-            value |= u32::from(byte & 0x7f) << shift;
-            if byte & 0x80 == 0 {
-                let fits = shift < 28 || byte < 16;
-                return if fits { Ok(value) } else { Err("a variable-length integer is too long".into()) };
-            }
-        }
-        Err("a variable-length integer is too long".into())
+        Ok(take_varint(&mut self.rest).ok_or("a variable-length integer has no end or too many bits")?)
     }
 
     /// Reads `count` words that [`push_planes`] wrote, and appends `zeros` zeros.

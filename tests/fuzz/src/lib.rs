@@ -10,7 +10,6 @@ pub mod calls;
 pub mod files;
 pub mod images;
 pub mod importers;
-pub mod memory;
 pub mod model_edits;
 pub mod model_files;
 pub mod mutate;
@@ -28,6 +27,8 @@ pub mod rays;
 pub mod rng;
 #[path = "../../common/rounding.rs"]
 pub mod rounding;
+#[path = "../../common/thread_memory.rs"]
+pub mod thread_memory;
 #[path = "../../common/stored.rs"]
 pub mod stored;
 
@@ -87,7 +88,7 @@ const LONGEST: Duration = Duration::from_secs(30);
 /// Runs `work`, which must end in [`LONGEST`], and hold at most `bytes` at a time.
 pub fn within<T>(bytes: u64, work: impl FnOnce() -> T) -> T {
     let begun = Instant::now();
-    let (done, peak) = memory::peak(work);
+    let (done, peak) = thread_memory::peak(work);
     let took = begun.elapsed();
     assert!(took < LONGEST, "it took {took:?}");
     assert!(peak <= bytes, "it held {peak} bytes; {bytes} are allowed");

@@ -1,4 +1,4 @@
-//! The memory that a thread holds. All work of the targets that this counts runs in the calling thread.
+//! The memory that a thread holds: for work that runs in the calling thread alone.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
