@@ -293,6 +293,18 @@ impl Request {
         self.film.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
+    /// The state, or `None` if the request was stopped: it has ended then.
+    fn unless_stopped(&self) -> Option<MutexGuard<'_, Running>> {
+        let mut running = self.running();
+        if !self.stop.load(Relaxed) {
+            return Some(running);
+        }
+        running.phase = Phase::Ended;
+        drop(running);
+        self.finish(&End::Cancelled);
+        None
+    }
+
     /// Begins the planned pass. `afresh`: with a new stamp and the current pressure.
     fn begin_pass(&self, mut running: MutexGuard<Running>, afresh: bool) {
         if afresh {
@@ -342,12 +354,7 @@ impl Request {
         let stamp = self.running().stamp;
         let (wants, pressure) = (self.view.status().state, self.view.pressure());
         let seen = Seen { wants, pressure, is_stale: self.view.is_stale(stamp) };
-        let mut running = self.running();
-        if self.stop.load(Relaxed) {
-            running.phase = Phase::Ended;
-            drop(running);
-            return self.finish(&End::Cancelled);
-        }
+        let Some(mut running) = self.unless_stopped() else { return };
         if running.passes.has_panes() && seen.wants == ViewState::Failed && running.unreadable.is_none() {
             running.unreadable = unreadable.clone();
         }
@@ -380,11 +387,15 @@ impl Request {
             self.running().passes.begin_pane();
             return self.begin_pass(self.running(), true);
         }
-        let mut running = self.running();
+        let Some(mut running) = self.unless_stopped() else { return };
         running.phase = Phase::Waiting;
         drop(running);
-        // The other view may have ended its turn meanwhile.
+        // The other view may have ended its turn meanwhile. A request that was stopped since then has ended already, so
+        // it must not keep the turn.
         if self.view.takes_turn(self.number) {
+            if self.running().phase == Phase::Ended {
+                return self.view.end_turn(self.number);
+            }
             self.news();
         }
     }
@@ -410,12 +421,7 @@ impl Request {
             // Further reads would take processor time from rendering threads.
             self.view.want(&[]);
         }
-        let mut running = self.running();
-        if self.stop.load(Relaxed) {
-            running.phase = Phase::Ended;
-            drop(running);
-            return self.finish(&End::Cancelled);
-        }
+        let Some(mut running) = self.unless_stopped() else { return };
         if !again {
             running.passes.begin_all();
         }

@@ -136,6 +136,19 @@ impl Residency {
 }
 
 impl Shared {
+    /// Makes the least budget grow by `more`, if it is still at most the budget then. Otherwise nothing changes, and the
+    /// error is the budget that would be needed.
+    pub fn reserve(&self, more: &Needs) -> std::result::Result<(), u64> {
+        let mut state = self.lock();
+        let need = state.least_with(more);
+        if need > self.budget() {
+            return Err(need);
+        }
+        state.tables += more.tables + more.changes;
+        state.pinned += more.pinned;
+        Ok(())
+    }
+
     /// Charges `bytes`. Evicts blocks in use if it must, and then waits until passes that hold them have ended,
     /// [`FOR_ROOM`] at most. Fails with `Cancelled`, or with `OverBudget` for `what`, which lacks `lacking` bytes.
     pub fn charge_when_free(
@@ -165,16 +178,11 @@ impl Shared {
 impl Admission {
     /// Admits further needs. See [`Residency::admit`].
     pub(super) fn add(&mut self, more: Needs, rest: impl FnOnce() -> Result<Needs>, cancel: &Cancel) -> Result<()> {
-        let have = self.shared.budget();
-        let need = self.shared.lock().least_with(&more);
-        if need > have {
-            let need = self.shared.lock().least_with(&more.and(rest()?)).max(need);
-            return Err(Error::OverBudget { what: format!("opening {}", self.name.display()), need, have });
-        }
-        {
-            let mut state = self.shared.lock();
-            state.tables += more.tables + more.changes;
-            state.pinned += more.pinned;
+        if let Err(need) = self.shared.reserve(&more) {
+            let (what, have) = (format!("opening {}", self.name.display()), self.shared.budget());
+            let all = more.and(rest()?);
+            let need = self.shared.lock().least_with(&all).max(need);
+            return Err(Error::OverBudget { what, need, have });
         }
         self.needs = self.needs.and(more);
         self.charge(more, cancel)

@@ -27,14 +27,8 @@ impl Residency {
             return Ok(Kept::default());
         }
         let (shared, have) = (Arc::clone(self.shared()), self.budget());
-        {
-            let mut state = shared.lock();
-            let need = state.least_with(&Needs { tables: bytes, ..Needs::default() });
-            if need > have {
-                return Err(Error::OverBudget { what: what.into(), need, have });
-            }
-            state.tables += bytes;
-        }
+        let reserved = shared.reserve(&Needs { tables: bytes, ..Needs::default() });
+        reserved.map_err(|need| Error::OverBudget { what: what.into(), need, have })?;
         // From here on the drop of `kept` gives the memory back.
         let mut kept = Kept { charge: Charge::default(), of: Some((Arc::clone(&shared), bytes)) };
         kept.charge = shared.charge_when_free(bytes, bytes, &|| what.into(), &Cancel::new())?;

@@ -254,6 +254,8 @@ impl Scene {
         let mut draft = self.draft();
         let draft = &mut *draft;
         draft.instances.retain(Option::is_some);
+        // Before anything can fail.
+        draft.index = draft.instances.iter().flatten().enumerate().map(|(i, it)| (it.id, i)).collect();
         // Blocks are searched anew only where looks of parts have changed.
         for it in draft.instances.iter_mut().flatten() {
             if !Arc::ptr_eq(&it.parts, &it.shown.looks) {
@@ -261,7 +263,6 @@ impl Scene {
             }
         }
         let kept = || draft.instances.iter().flatten();
-        draft.index = kept().enumerate().map(|(i, instance)| (instance.id, i)).collect();
         let mut models: Vec<Model> = Vec::new();
         let bytes = draft.instances.len() * size_of::<Instance>();
         let memory = self.context.residency().keep("the instances of a scene", bytes as u64)?;

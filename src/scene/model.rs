@@ -11,6 +11,7 @@ use crate::lod::SAMPLE_BYTES;
 use crate::math::DBounds;
 use crate::residency::{Kept, ModelBlocks, Needs, Snapshot};
 use crate::store::contents::Kind;
+use crate::store::directory::Row;
 use crate::store::{FileSource, Header, InstanceRow, ModelFile, Outline, Part, PartSets, Source, TreeRow};
 use crate::structure::open::{self, Opened, StoredTree};
 use crate::structure::{Tree, Visit};
@@ -321,13 +322,14 @@ impl Model {
         all.filter(|(tree, ..)| self.0.trees.get(*tree as usize).is_some_and(|t| !t.bounds.is_empty()))
     }
 
-    /// The parts of its blocks. The first call reads them and keeps them in memory. Fails with `OverBudget`, `Io` or
-    /// `Corrupt`.
+    /// The parts of its blocks. The first call reads them and keeps them in memory. Fails with `OverBudget`, `Io`,
+    /// `Corrupt`, or, if a source's read function calls it, `BadState`.
     pub(crate) fn part_sets(&self) -> Result<Arc<KeptSets>> {
         let held = || self.0.part_sets.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(sets) = &*held() {
             return Ok(Arc::clone(sets));
         }
+        refuse_inside_read()?;
         // The lock is not held meanwhile: a source of the host may call the library.
         let file = self.0.blocks.file();
         let memory = self.0.context.residency().keep("the parts of blocks", file.part_sets_memory())?;
@@ -379,9 +381,21 @@ fn model_from_mesh(row: &InstanceRow) -> DAffine3 {
     DAffine3 { matrix3: DMat3::from_cols(column(0), column(1), column(2)), translation: column(3) }
 }
 
-/// The needs of a model beside those of its tables, found without reading these into memory.
+/// The most rows of the directory and of the trees that are read only to name a budget. A directory of this length takes
+/// some tenths of a second.
+const MOST_ROWS: u64 = 4 << 20;
+
+/// The needs of a model beside those of its tables, found without reading these into memory. If there are more than
+/// [`MOST_ROWS`] rows, which a damaged file may claim, the result is a bound: each block is as large as blocks may be.
 fn needs_of(outline: &Outline, cancel: &Cancel) -> Result<Needs> {
     let (blocks, geometry) = (outline.block_count(), outline.header().geometry_blocks);
+    let trees = outline.count(Kind::Trees);
+    if u64::from(blocks).saturating_add(trees) > MOST_ROWS {
+        let mut blocks_read = Needs::default();
+        blocks_read.pin(&Row::largest(outline.header().block_size));
+        blocks_read.pinned = blocks_read.pinned.saturating_mul(trees.min(geometry.into()));
+        return Ok(Needs::of_blocks(blocks, geometry, geometry).and(blocks_read));
+    }
     let (mut blocks_read, mut entered) = (Needs::default(), 0);
     outline.for_each_block(cancel, |row, begins| {
         blocks_read.hold(row);

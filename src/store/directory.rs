@@ -43,6 +43,13 @@ impl Row {
         })
     }
 
+    /// A row that takes at least as much memory as any row of a file with this block size.
+    pub fn largest(block_size: u32) -> Self {
+        let payload = block_size.saturating_mul(2);
+        let codec = Codec::Stored;
+        Self { offset: 0, stored_len: payload, payload_len: payload, decoded_len: block_size, codec, checksum: 0 }
+    }
+
     /// Offset one past the last stored byte.
     pub fn end(&self) -> u64 {
         self.offset.saturating_add(u64::from(self.stored_len))

@@ -117,7 +117,8 @@ impl Outline {
     }
 
     /// Calls `each` with each block's row of the directory, and with the tree that begins with the block. Keeps none of
-    /// them: for files whose tables do not fit memory. Fails like [`Outline::open`].
+    /// them, and compares no checksum: for files whose tables do not fit memory. Fails with [`Error::Corrupt`],
+    /// [`Error::Io`] or [`Error::Cancelled`].
     pub fn for_each_block(&self, cancel: &Cancel, mut each: impl FnMut(&Row, Option<&TreeRow>)) -> Result<()> {
         let (mut trees, mut rows) = (self.tail(cancel)?, self.tail(cancel)?);
         trees.begin(Kind::Trees);
