@@ -2238,7 +2238,7 @@ oc_status oc_frame_create(const struct oc_context *context,
  *   before the panes.
  * - The request ends as OC_STATE_DONE when the picture is as exact as requested.
  * - The request ends as OC_STATE_COMPLETE_WITHIN_BUDGET before the panes with OC_FRAME_AT_ONCE, or when the budget
- *   does not even hold the data of 32 pixels, or some data cannot be read. In the last case `error` of oc_progress is
+ *   does not even hold the data of one pixel, or some data cannot be read. In the last case `error` of oc_progress is
  *   OC_STATUS_IO (unreadable) or OC_STATUS_CORRUPT (damaged); the next request tries to read it again.
  *
  * Errors:

@@ -151,6 +151,7 @@ pub const OC_FRAME_AT_ONCE: oc_frame_flags = 1;
 // SAFETY: `repr(C)`, integers and floats without padding, `struct_size` first.
 unsafe impl Sized32 for oc_frame_settings {
     const NAME: &'static str = "oc_frame_settings";
+    const FIRST_SIZE: usize = std::mem::offset_of!(oc_frame_settings, flags);
 }
 
 impl oc_frame_settings {
@@ -186,7 +187,7 @@ impl oc_frame_settings {
 ///   before the panes.
 /// - The request ends as OC_STATE_DONE when the picture is as exact as requested.
 /// - The request ends as OC_STATE_COMPLETE_WITHIN_BUDGET before the panes with OC_FRAME_AT_ONCE, or when the budget
-///   does not even hold the data of 32 pixels, or some data cannot be read. In the last case `error` of oc_progress is
+///   does not even hold the data of one pixel, or some data cannot be read. In the last case `error` of oc_progress is
 ///   OC_STATUS_IO (unreadable) or OC_STATUS_CORRUPT (damaged); the next request tries to read it again.
 ///
 /// Errors:
@@ -409,7 +410,6 @@ pub struct oc_frame_accuracy {
 // SAFETY: `repr(C)`, numbers without padding, `struct_size` first.
 unsafe impl Sized32 for oc_frame_accuracy {
     const NAME: &'static str = "oc_frame_accuracy";
-    // A later version added `pictures` and `state`.
     const FIRST_SIZE: usize = std::mem::offset_of!(oc_frame_accuracy, pictures);
 }
 

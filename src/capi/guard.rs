@@ -148,7 +148,8 @@ pub(crate) fn out<T>(pointer: *mut T, name: &str) -> Checked<*mut T> {
 pub(crate) unsafe trait Sized32: Copy {
     /// Its name in the header.
     const NAME: &'static str;
-    /// Its size when it was first published. The caller's struct must have at least this size.
+    /// Its size when it was first published: where the first member begins that a later version added. The caller's
+    /// struct must have at least this size.
     const FIRST_SIZE: usize = size_of::<Self>();
 }
 
@@ -409,5 +410,22 @@ pub(crate) unsafe fn path(pointer: *const c_char, name: &str) -> Checked<std::pa
     match bytes.to_str() {
         Ok(text) => Ok(text.into()),
         Err(_) => bad(format!("{name} is not UTF-8")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Sized32;
+    use crate::capi::build::oc_build_desc;
+    use crate::capi::frame::{oc_frame_accuracy, oc_frame_settings};
+    use crate::capi::report::oc_build_report;
+
+    /// Programs that were compiled with an older header pass smaller structs.
+    #[test]
+    fn structs_that_grew_are_accepted_in_their_first_size() {
+        assert_eq!(oc_frame_settings::FIRST_SIZE, 16);
+        assert_eq!(oc_frame_accuracy::FIRST_SIZE, 88);
+        assert_eq!(oc_build_desc::FIRST_SIZE, 48);
+        assert_eq!(oc_build_report::FIRST_SIZE, 104);
     }
 }

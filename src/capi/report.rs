@@ -67,6 +67,7 @@ pub struct oc_build_report {
 // SAFETY: `repr(C)`, numbers without padding, `struct_size` first.
 unsafe impl Sized32 for oc_build_report {
     const NAME: &'static str = "oc_build_report";
+    const FIRST_SIZE: usize = std::mem::offset_of!(oc_build_report, position_error);
 }
 
 /// Returns the statistics of a finished build.

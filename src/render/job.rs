@@ -116,6 +116,8 @@ struct Running {
     pass_took: Duration,
     /// Time of the last picture.
     shown_at: Instant,
+    /// True if the blocks that the last pass lacked are wanted.
+    has_wanted: bool,
     /// Error of the first block that could not be read for a pane.
     unreadable: Option<Arc<Error>>,
     /// True while the thread that waits for the request reads blocks. That thread then checks for news itself.
@@ -158,6 +160,7 @@ impl Request {
             pass_begun: Instant::now(),
             pass_took: Duration::ZERO,
             shown_at: Instant::now(),
+            has_wanted: false,
             unreadable: None,
             is_read_for: false,
             job: None,
@@ -319,6 +322,7 @@ impl Request {
         running.accept_missing = !snapshots.is_whole(&self.scene);
         running.snapshots = Some(Arc::new(snapshots));
         let items = running.passes.items();
+        running.has_wanted = false;
         running.pass_begun = Instant::now();
         drop(running);
         self.pixels_done.store(0, Relaxed);
@@ -341,8 +345,11 @@ impl Request {
         let key = |model: u32| self.scene.models[model as usize].blocks().key();
         let wants: Vec<Wanted> =
             lacking.iter().map(|(n, weight)| Wanted { model: key(n.model), block: n.block, weight }).collect();
-        // No lock of the request is held: the call takes the residency's lock.
-        self.view.want(&wants);
+        // No lock of the request is held: the call takes the residency's lock. Wants that stand are not repeated:
+        // fetchers would try again at once, and report again that there is no room.
+        if !std::mem::replace(&mut self.running().has_wanted, true) {
+            self.view.want(&wants);
+        }
         if self.running().passes.is_probe {
             return self.after_glimpse(wants.is_empty());
         }
@@ -351,9 +358,15 @@ impl Request {
         }
         // The errors are collected before the state is read, because a request of another frame may clear them.
         let unreadable = self.unreadable(&lacking);
-        let stamp = self.running().stamp;
-        let (wants, pressure) = (self.view.status().state, self.view.pressure());
-        let seen = Seen { wants, pressure, is_stale: self.view.is_stale(stamp) };
+        let stamp = {
+            let mut running = self.running();
+            // News of panes that come from here on may not be in the status.
+            running.passes.has_news &= !running.passes.has_panes();
+            running.stamp
+        };
+        let (status, pressure) = (self.view.status(), self.view.pressure());
+        let seen =
+            Seen { wants: status.state, is_alone: status.is_alone, pressure, is_stale: self.view.is_stale(stamp) };
         let Some(mut running) = self.unless_stopped() else { return };
         if running.passes.has_panes() && seen.wants == ViewState::Failed && running.unreadable.is_none() {
             running.unreadable = unreadable.clone();
@@ -460,14 +473,14 @@ fn is_fine(scene: &SceneState, rays: &PixelRays) -> bool {
 impl Work for Request {
     fn run(&self, item: usize) -> Result<()> {
         let Some(film) = self.film() else { return Ok(()) };
-        let (index, is_probe, packets, effort, pressure, stamp, accept_missing, snapshots, tile_scratch) = {
+        let (index, is_probe, only, effort, pressure, stamp, accept_missing, snapshots, tile_scratch) = {
             let mut running = self.running();
             let Some(snapshots) = running.snapshots.clone() else { return Ok(()) };
             let passes = &running.passes;
             let (index, pressure) = (passes.tile(item), passes.pressure);
-            let (packets, effort) = (passes.packets(index), passes.effort(self.settings.poe));
+            let (only, effort) = (passes.pixels(index), passes.effort(self.settings.poe));
             let (stamp, accept_missing) = (running.stamp, running.accept_missing);
-            (index, passes.is_probe, packets, effort, pressure, stamp, accept_missing, snapshots, running.free.pop())
+            (index, passes.is_probe, only, effort, pressure, stamp, accept_missing, snapshots, running.free.pop())
         };
         let tile = self.corners[index];
         let mut tile_scratch = tile_scratch
@@ -502,7 +515,7 @@ impl Work for Request {
             TilePixels::probe(&integrator, tile, scratch);
             Some(Merged::default())
         } else {
-            pixels.render(&integrator, tile, packets, wanted, scratch, stop).map(|tally| {
+            pixels.render(&integrator, tile, only, wanted, scratch, stop).map(|tally| {
                 // No other worker has this tile meanwhile.
                 let mut merged = self.running().passes.take(index);
                 // A picture that is to fit at once has one threshold, whatever it is.

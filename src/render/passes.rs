@@ -1,9 +1,9 @@
 //! Plan of a request's passes: the blocks that each tile lacked, and the next step after each pass.
 
 use super::merged::{Effort, Merged};
-use super::panes::{Panes, packets_of, tiles_of};
+use super::panes::{Panes, pixels_of, tiles_of};
 use super::status::Progress;
-use super::tile::{PACKETS, Tally};
+use super::tile::{PIXELS, Tally};
 use super::wants::Wants;
 use crate::residency::ViewState;
 use std::ops::Range;
@@ -14,6 +14,8 @@ use std::sync::Arc;
 pub(super) struct Seen {
     /// State of the view's wants.
     pub wants: ViewState,
+    /// True if no other view needs room before this one.
+    pub is_alone: bool,
     /// Factor for the requested threshold.
     pub pressure: f32,
     /// True if the pressure has changed since the pass began, even if it has changed back. Wants of such a pass no
@@ -168,9 +170,9 @@ impl Passes {
         self.has_news = false;
     }
 
-    /// The packets of a tile that the current pass renders.
-    pub fn packets(&self, tile: usize) -> Range<usize> {
-        self.pane.as_ref().map_or(0..PACKETS, |pane| packets_of(pane, tile))
+    /// The pixels of a tile that the current pass renders, packet by packet.
+    pub fn pixels(&self, tile: usize) -> Range<usize> {
+        self.pane.as_ref().map_or(0..PIXELS, |pane| pixels_of(pane, tile))
     }
 
     /// The effort of the current pass.
@@ -195,7 +197,7 @@ impl Passes {
 
     /// Stores a rendered tile.
     pub fn done(&mut self, tile: usize, merged: Merged, effort: Effort, wants: &Wants) {
-        let is_whole = !self.is_probe && self.packets(tile).len() == PACKETS;
+        let is_whole = !self.is_probe && self.pixels(tile).len() == PIXELS;
         let before = self.tiles[tile].complete;
         let is_better = is_whole && wants.is_empty() && before.is_none_or(|before| effort.is_as_great_as(before));
         let complete = if is_better { Some(effort) } else { before };
@@ -277,9 +279,18 @@ impl Passes {
                     self.begin_lacking();
                     return Next::Pass { afresh: false };
                 }
-                ViewState::Full => {
-                    panes.does_not_fit();
+                // A single pixel waits until no other view needs room.
+                ViewState::Full if !panes.halve_next() => {
+                    if seen.is_alone {
+                        panes.give_up();
+                    } else if self.has_news {
+                        self.begin_lacking();
+                        return Next::Pass { afresh: false };
+                    } else {
+                        return Next::Wait;
+                    }
                 }
+                ViewState::Full => {}
                 ViewState::Failed => panes.give_up(),
             }
         } else {
@@ -332,11 +343,12 @@ impl Passes {
 mod tests {
     use super::*;
     use crate::base::ids::BlockId;
+    use crate::math::PACKET;
     use crate::scene::walk::Need;
 
-    const CALM: Seen = Seen { wants: ViewState::Satisfied, pressure: 1.0, is_stale: false };
+    const CALM: Seen = Seen { wants: ViewState::Satisfied, is_alone: true, pressure: 1.0, is_stale: false };
     const EFFORT: Effort = Effort { poe: 0.0, samples: 1 };
-    const BUSY: Seen = Seen { wants: ViewState::Busy, pressure: 1.0, is_stale: false };
+    const BUSY: Seen = Seen { wants: ViewState::Busy, ..CALM };
 
     fn lacking() -> Wants {
         let mut wants = Wants::default();
@@ -397,27 +409,50 @@ mod tests {
     #[test]
     fn what_does_not_fit_is_completed_pane_by_pane() {
         let full = Seen { wants: ViewState::Full, ..CALM };
-        for most in [0, 1, PACKETS, 4 * PACKETS] {
+        for most in [0, 1, PACKET, 4 * PIXELS] {
             let mut passes = Passes::new(5, 4, false);
             passes.begin_all();
             render(&mut passes, |tile| if tile > 1 { lacking() } else { Wants::default() });
             assert_eq!(passes.next(full, 0.0), Next::Pane);
             assert_eq!(passes.effort(0.0), Effort { poe: 0.0, samples: 4 });
-            let (mut packets, mut end) = (0, Next::Pane);
+            let (mut pixels, mut end) = (0, Next::Pane);
             while end == Next::Pane {
                 passes.begin_pane();
-                let of_pane: usize = (0..passes.items()).map(|item| passes.packets(passes.tile(item)).len()).sum();
+                let of_pane: usize = (0..passes.items()).map(|item| passes.pixels(passes.tile(item)).len()).sum();
                 let fits = of_pane <= most;
                 render(&mut passes, |_| if fits { Wants::default() } else { lacking() });
-                packets += if fits { of_pane } else { 0 };
+                pixels += if fits { of_pane } else { 0 };
                 end = passes.next(full, 0.0);
             }
             let mut passes = Passes::new(5, 4, true);
             passes.begin_all();
             render(&mut passes, |_| lacking());
             assert_eq!(passes.next(full, 0.0), Next::End { is_converged: false });
-            assert_eq!((end, packets), (Next::End { is_converged: most > 0 }, if most > 0 { 5 * PACKETS } else { 0 }));
+            assert_eq!((end, pixels), (Next::End { is_converged: most > 0 }, if most > 0 { 5 * PIXELS } else { 0 }));
         }
+    }
+
+    /// A pixel that does not fit while other views need room is tried again later.
+    #[test]
+    fn a_pixel_waits_for_room() {
+        let full = Seen { wants: ViewState::Full, ..CALM };
+        let mut passes = Passes::new(1, 1, false);
+        passes.begin_all();
+        render(&mut passes, |_| lacking());
+        while passes.pane != Some(0..1) {
+            assert_eq!(passes.next(full, 0.0), Next::Pane);
+            passes.begin_pane();
+            render(&mut passes, |_| lacking());
+        }
+        let beside = Seen { is_alone: false, ..full };
+        assert_eq!(passes.next(beside, 0.0), Next::Wait);
+        passes.has_news = true;
+        assert_eq!(passes.next(beside, 0.0), Next::Pass { afresh: false });
+        render(&mut passes, |_| Wants::default());
+        assert_eq!(
+            (passes.next(full, 0.0), passes.panes.as_ref().map(|panes| panes.gave_up)),
+            (Next::Pane, Some(false))
+        );
     }
 
     #[test]

@@ -93,7 +93,7 @@ impl TilePixels {
         &all[at..at + self.width as usize * size]
     }
 
-    /// Renders the packets `only` of the tile with upper left pixel (`x`, `y`). Missing blocks are added to the wants
+    /// Renders the pixels `only`, counted packet by packet, of the tile with upper left pixel (`x`, `y`). Missing blocks are added to the wants
     /// of `scratch`; if there are any, the tile must be rendered again. Returns `None` if `stop` returned true between
     /// two packets.
     pub fn render(
@@ -112,7 +112,8 @@ impl TilePixels {
         let mut tally = Tally::default();
         let mut sums = [[[0.0; PACKET]; 4]; PACKETS];
         let (width, height) = (self.width, self.height);
-        let patch = |i: usize| Patch::new(i as u32, if only.contains(&i) { width } else { 0 }, height);
+        let within = |i: usize| [only.start, only.end].map(|at| at.clamp(i * PACKET, (i + 1) * PACKET) - i * PACKET);
+        let patch = |i: usize| Patch { only: within(i), ..Patch::new(i as u32, width, height) };
         let patches: [Patch; PACKETS] = std::array::from_fn(patch);
         self.quality.clear();
         for sample in 0..picture.samples {
@@ -213,12 +214,13 @@ impl TilePixels {
     }
 }
 
-/// Rectangle of a packet's pixels within its tile.
+/// A packet's pixels within its tile: those in a rectangle, and from the first to the second number of `only`.
 struct Patch {
     left: u32,
     top: u32,
     columns: u32,
     rows: u32,
+    only: [usize; 2],
 }
 
 impl Patch {
@@ -226,22 +228,25 @@ impl Patch {
     fn new(i: u32, width: u32, height: u32) -> Self {
         const ALONG: u32 = TILE / ACROSS;
         let (left, top) = (i % ALONG * ACROSS, i / ALONG * DOWN);
-        Self { left, top, columns: width.saturating_sub(left).min(ACROSS), rows: height.saturating_sub(top).min(DOWN) }
+        let (columns, rows) = (width.saturating_sub(left).min(ACROSS), height.saturating_sub(top).min(DOWN));
+        Self { left, top, columns, rows, only: [0, PACKET] }
     }
 
-    /// Returns the mask of the packet's rays that go through a pixel of the rectangle.
+    /// Returns the mask of the packet's rays that go through one of the pixels.
     fn active(&self) -> u32 {
-        let row = (1 << self.columns) - 1;
-        (0..self.rows).fold(0u32, |all, y| all | row << (y * ACROSS))
+        self.rows().fold(0u32, |all, (_, of)| all | ((1u64 << of.end) - (1 << of.start)) as u32)
     }
 
-    /// Iterates over the rows: for each, the range of its pixels in the tile and in the packet.
+    /// Iterates over the rows that have pixels: for each, the range of its pixels in the tile and in the packet.
     fn rows(&self) -> impl Iterator<Item = (Range<usize>, Range<usize>)> + use<> {
-        let Self { left, top, columns, rows } = *self;
-        (0..rows).map(move |row| {
-            let at = ((top + row) * TILE + left) as usize;
-            (at..at + columns as usize, (row * ACROSS) as usize..(row * ACROSS + columns) as usize)
-        })
+        let Self { left, top, columns, rows, only: [first, end] } = *self;
+        let row = move |row: u32| {
+            let (row, begin) = ((top + row) * TILE + left, (row * ACROSS) as usize);
+            let of = begin.max(first)..(begin + columns as usize).min(end);
+            let at = row as usize + of.start - begin;
+            (!of.is_empty()).then(|| (at..at + of.len(), of))
+        };
+        (0..rows).filter_map(row)
     }
 }
 

@@ -277,10 +277,15 @@ impl State {
         self.views.iter().filter_map(Weak::upgrade).collect()
     }
 
-    /// Returns the oldest live pass of each channel. Blocks used in the channel since then are in use.
+    /// Returns the oldest live pass of each channel. Blocks used in the channel since then are in use. While a view has
+    /// the turn, the blocks of views at rest are not in use: their pictures are complete.
     pub fn oldest_live_pass(&mut self) -> [u32; CHANNELS] {
         let mut oldest = [u32::MAX; CHANNELS];
+        let turn = self.turn.upgrade().filter(|view| view.has_turn());
         for view in self.live_views() {
+            if turn.as_ref().is_some_and(|turn| !Arc::ptr_eq(turn, &view)) && view.is_at_rest() {
+                continue;
+            }
             let of_channel = &mut oldest[channel(view.channel)];
             *of_channel = view.oldest_live_pass().min(*of_channel);
         }

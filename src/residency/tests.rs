@@ -283,14 +283,14 @@ fn the_most_wanted_block_is_read_first_with_its_neighbours() {
     one.want(&[rig.wanted(100, 2.0), rig.wanted(300, 3.0), rig.wanted(500, 1.0), rig.wanted(101, 0.1)]);
     other.begin_pass(true);
     other.want(&[rig.wanted(500, 1.5), rig.wanted(7, f32::NAN)]);
-    assert_eq!(one.status(), ViewStatus { bytes_wanted: 4 * WORDS as u64 * 4, state: ViewState::Busy });
+    assert_eq!(one.status(), ViewStatus { bytes_wanted: 4 * WORDS as u64 * 4, state: ViewState::Busy, is_alone: false });
     order.lock().expect("the list").clear();
     rig.pump_all_unchecked();
     let block_at = |offset: u64| rig.blocks.file().directory().iter().position(|row| row.offset == offset);
     let blocks: Vec<_> = order.lock().expect("the list").iter().filter_map(|&offset| block_at(offset)).collect();
     assert_eq!(blocks, [300, 500, 100, 7]);
     assert_eq!(rig.there(), [0, 7, 100, 101, 300, 500]);
-    assert_eq!(one.status(), ViewStatus { bytes_wanted: 0, state: ViewState::Satisfied });
+    assert_eq!(one.status(), ViewStatus { bytes_wanted: 0, state: ViewState::Satisfied, is_alone: false });
     // A dropped view wants nothing.
     other.want(&[rig.wanted(8, 1.0)]);
     drop(other);

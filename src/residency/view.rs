@@ -41,6 +41,9 @@ pub struct ViewStatus {
     pub bytes_wanted: u64,
     /// State of the wants.
     pub state: ViewState,
+    /// True if no other view makes a pass, or has wants that get room before those of the view with the turn. Otherwise
+    /// there may be more room later.
+    pub is_alone: bool,
 }
 
 /// A live view: the blocks that it uses are not evicted, and those that it wants are read. Thread-safe; meant to be
@@ -192,7 +195,8 @@ impl View {
 
     /// Status of the view's wants.
     pub fn status(&self) -> ViewStatus {
-        let state = self.shared.lock();
+        let mut state = self.shared.lock();
+        let is_alone = state.live_views().iter().all(|view| Arc::ptr_eq(view, &self.core) || !view.is_busy());
         let wants = self.core.lock();
         let (mut bytes_wanted, mut failed, mut waiting) = (0, 0, 0);
         let mut came = wants.list.len();
@@ -213,7 +217,7 @@ impl View {
             _ if is_full(&state) || self.core.is_patient(wants.stamp) && state.ranking.is_refused() => ViewState::Full,
             _ => ViewState::Busy,
         };
-        ViewStatus { bytes_wanted, state }
+        ViewStatus { bytes_wanted, state, is_alone }
     }
 
     /// Sets a function that is called when wanted blocks were published, when some turned out to be unavailable, and
@@ -251,8 +255,14 @@ impl ViewCore {
         self.oldest_live_pass.load(Relaxed)
     }
 
-    fn has_turn(&self) -> bool {
+    pub fn has_turn(&self) -> bool {
         self.turn.load(Relaxed) != 0
+    }
+
+    /// True if the view is between passes and wants nothing.
+    pub fn is_at_rest(&self) -> bool {
+        let wants = self.lock();
+        wants.list.is_empty() && self.running.load(Relaxed) == wants.stamp
     }
 
     /// True if wants of a pass with `stamp` wait for room instead of raising the pressure.
@@ -268,6 +278,12 @@ impl ViewCore {
     /// Stamp of the pass that lacked the wanted blocks.
     pub fn wanted_at(&self) -> u32 {
         self.lock().stamp
+    }
+
+    /// True if the view makes a pass, or has wants that are not patient.
+    fn is_busy(&self) -> bool {
+        let wants = self.lock();
+        self.running.load(Relaxed) != wants.stamp || !wants.list.is_empty() && !self.is_patient(wants.stamp)
     }
 
     /// Appends the view's wants to `out`.

@@ -5,7 +5,7 @@ use crate::base::error::Result;
 use crate::lod::summary_bit;
 use crate::residency::Kept;
 use crate::store::{PartSets, TreeRow};
-use crate::structure::ShownBlocks;
+use crate::structure::{ShownBlock, ShownBlocks};
 use std::collections::HashMap;
 use std::sync::Arc;
 
@@ -135,8 +135,9 @@ impl PartsShown {
         let rows = model.blocks().file().trees();
         let placed: Vec<_> =
             model.placements().map(|(tree, first_part, _)| (&rows[tree as usize], first_part)).collect();
+        let bytes_of = |blocks| (size_of::<ShownBlocks>() + blocks as usize * size_of::<ShownBlock>()) as u64;
         let blocks: u64 =
-            if sets.is_some() { placed.iter().map(|(row, _)| 4 * u64::from(row.block_count) + 32).sum() } else { 0 };
+            if sets.is_some() { placed.iter().map(|(row, _)| bytes_of(row.block_count)).sum() } else { 0 };
         let memory = model.context().residency().keep("the looks of parts", looks.bytes() + blocks)?;
         let trees =
             sets.iter().flat_map(|sets| placed.iter().map(|(row, first)| shown_blocks(&looks, row, *first, sets)));
@@ -166,22 +167,23 @@ impl PartsShown {
     }
 }
 
-/// Returns a visible part in and below each block of a tree whose local part 0 is `first_part`.
+/// Returns the visible parts in and below each block of a tree whose local part 0 is `first_part`.
 fn shown_blocks(looks: &PartLooks, row: &TreeRow, first_part: u32, sets: &PartSets) -> ShownBlocks {
-    let is_visible = |part: &u32| !looks.hides(first_part.saturating_add(*part));
+    let of_parts = |parts: &mut dyn Iterator<Item = u32>| {
+        let visible = parts.filter(|&part| !looks.hides(first_part.saturating_add(part)));
+        visible.fold(ShownBlock::NOTHING, |all, part| ShownBlock {
+            bits: all.bits | summary_bit(part),
+            part: all.part.min(part),
+        })
+    };
+    // A tree of one part needs no sets.
+    let only = (row.local_parts == 1).then(|| of_parts(&mut std::iter::once(0)));
     let of_block = |block: u32| {
-        // A tree of one part needs no sets.
-        if row.local_parts == 1 {
-            return if is_visible(&0) { 0 } else { ShownBlocks::NONE };
-        }
         let mut parts = sets.of(block as usize).peekable();
-        if parts.peek().is_none() {
-            return ShownBlocks::UNKNOWN;
-        }
-        parts.find(is_visible).unwrap_or(ShownBlocks::NONE)
+        only.unwrap_or_else(|| if parts.peek().is_none() { ShownBlock::UNKNOWN } else { of_parts(&mut parts) })
     };
     let blocks = row.first_block..row.first_block + row.block_count;
-    ShownBlocks { first_block: row.first_block, part: blocks.map(of_block).collect() }
+    ShownBlocks { first_block: row.first_block, blocks: blocks.map(of_block).collect() }
 }
 
 #[cfg(test)]
@@ -199,12 +201,15 @@ mod tests {
         [11, 12].iter().for_each(|&part| looks.set_visible(part, false));
         let row = TreeRow { first_block: 1, block_count: 4, local_parts: 4, ..TreeRow::EMPTY };
         let shown = shown_blocks(&looks, &row, 10, &sets);
-        assert_eq!(*shown.part, [0, ShownBlocks::NONE, 3, ShownBlocks::UNKNOWN]);
+        assert_eq!(
+            [0, 1, 2, 3, 4, 9].map(|block| shown.bits(block)),
+            [u32::MAX, 0b1001, 0, 0b1000, u32::MAX, u32::MAX]
+        );
         assert_eq!([0, 1, 2, 3, 4, 9].map(|block| shown.lacks(block)), [false, false, true, false, false, false]);
         assert_eq!([1, 2, 3, 4].map(|block| shown.part_in(block)), [Some(0), None, Some(3), None]);
         let one = TreeRow { local_parts: 1, ..row };
-        assert_eq!(*shown_blocks(&looks, &one, 11, &PartSets::default()).part, [ShownBlocks::NONE; 4]);
-        assert_eq!(*shown_blocks(&looks, &one, 10, &PartSets::default()).part, [0; 4]);
+        assert_eq!(*shown_blocks(&looks, &one, 11, &PartSets::default()).blocks, [ShownBlock::NOTHING; 4]);
+        assert_eq!(*shown_blocks(&looks, &one, 10, &PartSets::default()).blocks, [ShownBlock { bits: 1, part: 0 }; 4]);
     }
 
     #[test]

@@ -4,6 +4,19 @@
 use crate::math::Bounds;
 use glam::Vec3;
 
+/// The parts in a cell, as parts of its tree.
+#[derive(Debug, Clone, Copy)]
+pub struct CellParts {
+    /// The part that covers most of the cell.
+    pub part: u32,
+    /// True if there are other parts.
+    pub is_mixed: bool,
+    /// The bits (`lod::summary_bit`) of all parts.
+    pub summary: u32,
+    /// A block whose list of parts has all of them.
+    pub listed_by: u32,
+}
+
 /// Cells that up to `N` rays hit, one column for each ray. Reusable: the columns of other rays hold arbitrary values.
 #[derive(Debug)]
 pub struct Cells<const N: usize> {

@@ -26,35 +26,55 @@ impl Default for PartFilter<'_> {
     }
 }
 
-/// For each block of a tree, one of the visible parts in and below it. Walks pass by blocks that have none: such
-/// blocks are neither needed nor read.
+/// The visible parts in and below each block of a tree. Walks pass by blocks that have none: such blocks are neither
+/// needed nor read.
 #[derive(Debug, Default)]
 pub struct ShownBlocks {
     /// Id of the tree's first block.
     pub first_block: u32,
-    /// A local part, or [`ShownBlocks::NONE`], or [`ShownBlocks::UNKNOWN`], for each block.
-    pub part: Box<[u32]>,
+    /// The parts of each block.
+    pub blocks: Box<[ShownBlock]>,
+}
+
+/// The visible parts in and below a block.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ShownBlock {
+    /// Their bits (`lod::summary_bit`), as parts of the tree. 0: there are none.
+    pub bits: u32,
+    /// One of them; [`ShownBlock::NO_PART`] if there are none, or they are unknown.
+    pub part: u32,
+}
+
+impl ShownBlock {
+    /// No part.
+    pub const NO_PART: u32 = u32::MAX;
+    /// All parts in the block are hidden.
+    pub const NOTHING: Self = Self { bits: 0, part: Self::NO_PART };
+    /// The parts in the block are unknown.
+    pub const UNKNOWN: Self = Self { bits: u32::MAX, part: Self::NO_PART };
 }
 
 impl ShownBlocks {
-    /// The block has no visible part.
-    pub const NONE: u32 = u32::MAX;
-    /// Nothing is known about the block.
-    pub const UNKNOWN: u32 = u32::MAX - 1;
-
-    fn of(&self, block: u32) -> u32 {
-        self.part.get(block.wrapping_sub(self.first_block) as usize).copied().unwrap_or(Self::UNKNOWN)
+    #[inline]
+    fn of(&self, block: u32) -> ShownBlock {
+        self.blocks.get(block.wrapping_sub(self.first_block) as usize).copied().unwrap_or(ShownBlock::UNKNOWN)
     }
 
     /// True if walks pass by a block.
     #[inline]
     pub fn lacks(&self, block: u32) -> bool {
-        self.of(block) == Self::NONE
+        self.bits(block) == 0
+    }
+
+    /// The bits of the visible parts in and below a block.
+    #[inline]
+    pub fn bits(&self, block: u32) -> u32 {
+        self.of(block).bits
     }
 
     /// A visible local part in or below a block, if one is known.
     pub fn part_in(&self, block: u32) -> Option<u32> {
-        Some(self.of(block)).filter(|&part| part < Self::UNKNOWN)
+        Some(self.of(block).part).filter(|&part| part != ShownBlock::NO_PART)
     }
 }
 

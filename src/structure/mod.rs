@@ -35,7 +35,7 @@ pub mod tree;
 pub mod walk;
 
 pub use cursor::{Below, Descent, for_each_triangle};
-pub use filter::{PartFilter, ShownBlocks, Within};
+pub use filter::{PartFilter, ShownBlock, ShownBlocks, Within};
 pub use hit::{Counters, Outcome, StandIn, TriHit, Triangle};
 pub use packet::PacketWalk;
 pub use par::Par;

@@ -9,7 +9,7 @@
 #[cfg(any(test, feature = "brute"))]
 use super::brute;
 use super::bvh;
-use super::cell::Cells;
+use super::cell::{CellParts, Cells};
 use super::cursor::Below;
 #[cfg(any(test, feature = "brute"))]
 use super::fallback::SingleWalks;
@@ -215,9 +215,8 @@ impl<'a> Tree<'a> {
         of_each!(self, own => own.colours_at.is_some())
     }
 
-    /// Returns the local part that covers most of the cell of a hit, true if there are others, and the bits
-    /// (`lod::summary_bit`) of all; `None` if its block has left the snapshot.
-    pub fn parts_in_cell(&self, hit: &TriHit) -> Option<(u32, bool, u32)> {
+    /// Returns the parts in the cell of a hit; `None` if its block has left the snapshot.
+    pub fn parts_in_cell(&self, hit: &TriHit) -> Option<CellParts> {
         of_each!(self, own => own.parts_in_cell(hit))
     }
 

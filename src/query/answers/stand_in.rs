@@ -22,7 +22,7 @@ use crate::math::{Bounds, Ray, bits};
 use crate::scene::placed::{Placed, not_below};
 use crate::scene::walk::{Found, SceneView};
 use crate::simd::{Op, Simd, dispatch};
-use crate::structure::cell::Cells;
+use crate::structure::cell::{CellParts, Cells};
 use crate::structure::{PartFilter, Rooted, Tree, TriHit};
 use glam::{DVec3, Vec3};
 
@@ -89,10 +89,10 @@ impl<const N: usize> StandIns<N> {
 
     /// Adapts the stand-in of ray `i` to the looks of parts. A cell that mixes parts with other looks shows the part
     /// that covers most of it, in that part's colour. Nothing else is known of where the visible surface in it lies. If
-    /// that part is hidden, which happens only where data is missing, the cell shows a visible part of the missing
-    /// block.
+    /// that part is hidden, which happens only where data is missing, the cell shows a visible part of a
+    /// block around it.
     fn under_looks(&mut self, i: usize, at: &InTree, tree: &Tree, filter: &PartFilter, hit: &TriHit) {
-        let Some((part, is_mixed, summary)) = tree.parts_in_cell(hit) else { return };
+        let Some(CellParts { part, is_mixed, summary, listed_by }) = tree.parts_in_cell(hit) else { return };
         if !is_mixed || summary & filter.touched == 0 {
             return;
         }
@@ -105,7 +105,7 @@ impl<const N: usize> StandIns<N> {
         }
         if filter.hides(part) {
             let shown = at.view.scene.shown_blocks(at.number);
-            let visible = tree.wanted(hit).zip(shown).and_then(|(block, shown)| shown.part_in(block));
+            let visible = shown.and_then(|shown| shown.part_in(listed_by));
             self.cells.part[i] = visible.unwrap_or(u32::MAX);
         }
     }

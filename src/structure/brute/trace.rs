@@ -11,6 +11,7 @@ use crate::lod::Coded;
 use crate::math::{Bounds, Cone, bits};
 use crate::residency::Snapshot;
 use crate::simd::{Isa, Lanes, Op, Simd, dispatch};
+use crate::structure::cell::CellParts;
 use crate::structure::cursor::Below;
 use crate::structure::fallback::SingleWalks;
 use crate::structure::filter::PartFilter;
@@ -254,10 +255,10 @@ impl<'a> TreeView<'a> {
     }
 
     /// See [`crate::structure::Tree::parts_in_cell`].
-    pub fn parts_in_cell(&self, hit: &TriHit) -> Option<(u32, bool, u32)> {
+    pub fn parts_in_cell(&self, hit: &TriHit) -> Option<CellParts> {
         let row = self.row_of(hit.block, hit.stand_in()?)?;
         let (part, is_mixed) = Coded::part(row.voxel()[2]);
-        Some((part, is_mixed, row.voxel()[3]))
+        Some(CellParts { part, is_mixed, summary: row.voxel()[3], listed_by: row.below().0 })
     }
 
     /// Returns the block that the stand-in of `hit` replaces, if that block is missing.

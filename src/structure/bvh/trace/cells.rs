@@ -90,13 +90,6 @@ impl<'a> TreeView<'a> {
         }
     }
 
-    /// See [`crate::structure::Tree::parts_in_cell`].
-    pub fn parts_in_cell(&self, hit: &TriHit) -> Option<(u32, bool, u32)> {
-        let (voxel, ..) = self.cell_at(hit)?;
-        let (part, is_mixed) = voxel.part();
-        Some((part, is_mixed, voxel.summary()))
-    }
-
     /// Returns the oriented slabs of the cell of a hit, or `None` if its block has left the snapshot.
     pub fn oriented_slabs(&self, hit: &TriHit) -> Option<OrientedSlabs<f32>> {
         self.cell_at(hit).map(|(_, node, slot)| node.stored_oriented_slabs(slot))

@@ -167,7 +167,7 @@ pub(super) fn stand_in<S: Simd, const ANY: bool>(
         if small == 0 {
             continue;
         }
-        match stand_in::judge(block, node, slot, filter) {
+        match stand_in::judge(view, here, slot, filter) {
             Verdict::Descend => continue,
             Verdict::Skip => {}
             Verdict::Stand => {
@@ -229,8 +229,8 @@ pub(super) fn for_missing<S: Simd, const ANY: bool>(
     rays: u32,
     walk: &mut PacketWalk,
 ) {
-    let (Together { view, filter, common, .. }, Here { block, id, index: node }) = (tree, here);
-    if stand_in::judge(block, node, slot, filter) == Verdict::Skip {
+    let (Together { view, filter, common, .. }, Here { id, index: node, .. }) = (tree, here);
+    if stand_in::judge(view, here, slot, filter) == Verdict::Skip {
         return;
     }
     let boxes = &mut all_cells(s, here.node(), common);

@@ -137,7 +137,7 @@ pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
                     if let Some(cells) = &cells {
                         mask = stand_ins(s, tree, here, (mask, leave), cells, best, transmitted);
                         if view.accept_missing && mask != 0 && view.lacks_leaves(block_id) {
-                            mask = for_missing_leaves::<S, ANY>(s, here, mask, cells, filter, best);
+                            mask = for_missing_leaves::<S, ANY>(s, tree, here, mask, cells, best);
                         }
                         if ANY && best.is_hit() {
                             stack.clear();
@@ -184,7 +184,7 @@ pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
                         if let Some(cells) = cells.as_ref().filter(|_| view.accept_missing) {
                             let (index, slot) = block.place_of_external(at);
                             let here = Here { block, id: block_id, index };
-                            stand_in_for_missing::<S, ANY>(s, here, slot, cells, filter, best);
+                            stand_in_for_missing::<S, ANY>(s, tree, here, slot, cells, best);
                             if ANY && best.is_hit() {
                                 stack.clear();
                                 return Outcome::Done;
@@ -419,7 +419,7 @@ pub(super) fn offers(
     while small != 0 {
         let slot = small.trailing_zeros() as usize & 7;
         small &= small - 1;
-        match stand_in::judge(block, index, slot, filter) {
+        match stand_in::judge(view, here, slot, filter) {
             Verdict::Descend => continue,
             Verdict::Stand if filter.is_some_and(|filter| filter.descends(t[slot])) => continue,
             Verdict::Skip => {}
@@ -452,10 +452,10 @@ pub(super) fn offer(best: &mut TriHit, hit: TriHit) -> bool {
 #[inline(always)]
 pub(super) fn for_missing_leaves<S: Simd, const ANY: bool>(
     s: S,
+    tree: Seen,
     here: Here,
     mask: u32,
     cells: &CellLanes<S>,
-    filter: Option<&PartFilter>,
     best: &mut TriHit,
 ) -> u32 {
     let leaves = stand_in::leaves(here.node());
@@ -463,7 +463,7 @@ pub(super) fn for_missing_leaves<S: Simd, const ANY: bool>(
     while missing != 0 {
         let slot = missing.trailing_zeros() as usize;
         missing &= missing - 1;
-        stand_in_for_missing::<S, ANY>(s, here, slot, cells, filter, best);
+        stand_in_for_missing::<S, ANY>(s, tree, here, slot, cells, best);
     }
     mask & !leaves
 }
@@ -473,18 +473,18 @@ pub(super) fn for_missing_leaves<S: Simd, const ANY: bool>(
 #[inline(always)]
 fn stand_in_for_missing<S: Simd, const ANY: bool>(
     s: S,
+    tree: Seen,
     here: Here,
     slot: usize,
     cells: &CellLanes<S>,
-    filter: Option<&PartFilter>,
     best: &mut TriHit,
 ) {
-    let Here { block, id, index: node } = here;
+    let (Seen { view, filter }, Here { id, index: node, .. }) = (tree, here);
     let [near, far] = stored_planes(s, here.node(), cells.near);
     let crossing = cells.cross(near, far);
     let met = stand_in::meet(crossing, near, &cells.ray);
     let is_inside = met.outside >> slot & 1 == 0;
-    let skip = stand_in::judge(block, node, slot, filter) == Verdict::Skip;
+    let skip = stand_in::judge(view, here, slot, filter) == Verdict::Skip;
     if met.meets >> slot & 1 == 0 || skip || ANY && is_inside {
         return;
     }

@@ -14,10 +14,12 @@
 //! of the other rays (`coverage.rs`). For a ray that begins inside a cell the slabs are not tested.
 
 use super::hit::{StandIn, TriHit};
+use super::kernel::Here;
 use super::ray::abs;
 use super::{PartFilter, TreeView};
 use crate::simd::{Lanes, Mask};
 use crate::structure::bvh::layout::{Block, Child, Node, WIDTH};
+use crate::structure::cell::CellParts;
 
 /// Returns [`TriHit::tri`] for the cell in `slot` of a node.
 #[inline(always)]
@@ -142,26 +144,44 @@ pub(super) enum Verdict {
 
 /// Decides if the parts in the cell in `slot` of a node allow it to stand in.
 #[inline(always)]
-pub(super) fn judge(block: Block, node: usize, slot: usize, filter: Option<&PartFilter>) -> Verdict {
+pub(super) fn judge(view: &TreeView, here: Here, slot: usize, filter: Option<&PartFilter>) -> Verdict {
     match filter {
         None => Verdict::Stand,
-        Some(filter) => judge_parts(block, node, slot, filter),
+        Some(filter) => judge_parts(view, here, slot, filter),
     }
 }
 
 #[inline(never)]
-fn judge_parts(block: Block, node: usize, slot: usize, filter: &PartFilter) -> Verdict {
-    let voxel = block.voxel(node, slot);
-    match voxel.part() {
-        (part, false) if filter.hides(part) => Verdict::Skip,
-        (_, false) => Verdict::Stand,
-        (_, true) if voxel.summary() & filter.visible_bits == 0 => Verdict::Skip,
-        (part, true) if filter.hides(part) => Verdict::Descend,
-        (_, true) => Verdict::Stand,
+fn judge_parts(view: &TreeView, here: Here, slot: usize, filter: &PartFilter) -> Verdict {
+    let voxel = here.block.voxel(here.index, slot);
+    let (part, is_mixed) = voxel.part();
+    if !filter.hides(part) {
+        return Verdict::Stand;
+    }
+    // A summary has 32 bits for all parts of the model, so that it often has the bit of a visible part which is not in
+    // the cell. The visible parts of one block are few.
+    let listed = view.shown.map_or(u32::MAX, |shown| shown.bits(lister(here, slot)));
+    if is_mixed && voxel.summary() & filter.visible_bits & listed != 0 { Verdict::Descend } else { Verdict::Skip }
+}
+
+/// Returns the block whose list of parts has all parts of the cell in `slot` of a node.
+fn lister(here: Here, slot: usize) -> u32 {
+    match Child::from_bits(u32::from(here.node().child[slot])) {
+        Some(Child::External(at)) => here.block.external(at).0,
+        _ => here.id,
     }
 }
 
 impl<'a> TreeView<'a> {
+    /// See [`crate::structure::Tree::parts_in_cell`].
+    pub fn parts_in_cell(&self, hit: &TriHit) -> Option<CellParts> {
+        let block = Block::new(self.snapshot.block(crate::base::ids::BlockId(hit.block))?);
+        let (index, slot) = place_of(hit.stand_in()?);
+        let (part, is_mixed) = block.voxel(index, slot).part();
+        let here = Here { block, id: hit.block, index };
+        Some(CellParts { part, is_mixed, summary: block.voxel(index, slot).summary(), listed_by: lister(here, slot) })
+    }
+
     /// Returns the id of the missing block that the stand-in of `hit` replaces, if there is one.
     pub fn wanted(&self, hit: &TriHit) -> Option<u32> {
         let stand_in = hit.stand_in().filter(|s| s.is_missing)?;

@@ -320,7 +320,7 @@ fn stand_ins<S: Simd, const ANY: bool>(s: S, run: &mut StreamRun, group: &mut Gr
     if boxes.likely.iter().all(|rays| *rays == 0) {
         return;
     }
-    let (node, Here { block, index, .. }) = (here.node(), here);
+    let node = here.node();
     let [low, high] = stored_planes(s, node, [0, 1, 2]);
     let (low, high) = (
         [low[0].to_array(), low[1].to_array(), low[2].to_array()],
@@ -339,7 +339,7 @@ fn stand_ins<S: Simd, const ANY: bool>(s: S, run: &mut StreamRun, group: &mut Gr
         if small == 0 {
             continue;
         }
-        match stand_in::judge(block, index, slot, run.filter) {
+        match stand_in::judge(run.view, here, slot, run.filter) {
             Verdict::Descend => continue,
             Verdict::Skip => {}
             Verdict::Stand => {

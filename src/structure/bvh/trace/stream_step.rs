@@ -394,7 +394,8 @@ fn missing_leaves<S: Simd, const ANY: bool>(s: S, run: &mut StreamRun, row: &Row
         let Some(best) = run.hits.get_mut(usize::from(run.ray[lane])) else { continue };
         let before = (best.t, best.tri, best.block);
         let here = Here { block, id, index: node };
-        run.scratch.hits[lane] = single::for_missing_leaves::<S, ANY>(s, here, left, &cells, run.filter, best);
+        let tree = Seen { view: run.view, filter: run.filter };
+        run.scratch.hits[lane] = single::for_missing_leaves::<S, ANY>(s, tree, here, left, &cells, best);
         if (best.t, best.tri, best.block) != before {
             found::<ANY>(run, lane);
         }
