@@ -8,6 +8,7 @@ mod frames;
 mod lenses;
 mod oracle_light;
 mod oracle_pictures;
+mod panes;
 mod part_budgets;
 mod part_looks;
 mod picture_errors;

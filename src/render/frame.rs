@@ -450,7 +450,7 @@ impl Owner for Shared {
         if cut_short {
             // The request's pass has not ended by itself. This call ends it: the blocks that it used become evictable,
             // and threads that wait for passes to end can continue.
-            self.view.want(&[]);
+            self.view.of(request.number).want(&[]);
         }
         self.changed.notify_all();
         self.call(wake);

@@ -23,7 +23,7 @@ use super::wants::Wants;
 use crate::base::error::{Error, Result};
 use crate::base::tasks::{Ending, Job, Work};
 use crate::math::srgb::Srgb;
-use crate::residency::{View, ViewState, Wanted};
+use crate::residency::{ForRequest, View, ViewState, Wanted};
 use crate::scene::SceneState;
 use crate::scene::camera::PixelRays;
 use crate::scene::placed::Placed;
@@ -193,6 +193,7 @@ impl Request {
     /// Begins the first pass; called once. Blocks that could not be read for earlier requests may be read again.
     pub fn start(&self) {
         self.scene.models.iter().for_each(|model| model.blocks().forget_failures());
+        self.view().begin();
         let mut running = self.running();
         if running.phase == Phase::Running {
             if self.may_glimpse && !Snapshots::take(&self.scene).is_whole(&self.scene) {
@@ -288,6 +289,10 @@ impl Request {
         running.passes.progress(now, self.settings.poe)
     }
 
+    fn view(&self) -> ForRequest<'_> {
+        self.view.of(self.number)
+    }
+
     fn running(&self) -> MutexGuard<'_, Running> {
         self.running.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -312,7 +317,7 @@ impl Request {
     fn begin_pass(&self, mut running: MutexGuard<Running>, afresh: bool) {
         if afresh {
             let first = running.stamp == 0;
-            running.stamp = self.view.begin_pass(first && !self.unchanged);
+            running.stamp = self.view().begin_pass(first && !self.unchanged);
             if !running.passes.has_panes() {
                 running.passes.pressure = self.view.pressure();
             }
@@ -348,7 +353,7 @@ impl Request {
         // No lock of the request is held: the call takes the residency's lock. Wants that stand are not repeated:
         // fetchers would try again at once, and report again that there is no room.
         if !std::mem::replace(&mut self.running().has_wanted, true) {
-            self.view.want(&wants);
+            self.view().want(&wants);
         }
         if self.running().passes.is_probe {
             return self.after_glimpse(wants.is_empty());
@@ -384,7 +389,7 @@ impl Request {
                 let has_panes = running.passes.has_panes();
                 drop(running);
                 if has_panes {
-                    self.view.rest();
+                    self.view().rest();
                 }
                 self.finish(&if is_converged { End::Converged } else { End::Budget(unreadable) });
             }
@@ -394,9 +399,9 @@ impl Request {
     /// Begins the next pane, or waits for the turn of this view: the views of a context take turns, because two panes
     /// at once may not fit.
     fn begin_pane(&self) {
-        self.view.rest();
-        self.view.end_turn(self.number);
-        if self.view.takes_turn(self.number) {
+        self.view().rest();
+        self.view().end_turn();
+        if self.view().takes_turn() {
             self.running().passes.begin_pane();
             return self.begin_pass(self.running(), true);
         }
@@ -405,9 +410,9 @@ impl Request {
         drop(running);
         // The other view may have ended its turn meanwhile. A request that was stopped since then has ended already, so
         // it must not keep the turn.
-        if self.view.takes_turn(self.number) {
+        if self.view().takes_turn() {
             if self.running().phase == Phase::Ended {
-                return self.view.end_turn(self.number);
+                return self.view().end_turn();
             }
             self.news();
         }
@@ -432,7 +437,7 @@ impl Request {
         let again = !is_all_there && !is_up() && self.view.status().state == ViewState::Satisfied;
         if !again {
             // Further reads would take processor time from rendering threads.
-            self.view.want(&[]);
+            self.view().want(&[]);
         }
         let Some(mut running) = self.unless_stopped() else { return };
         if !again {
@@ -449,7 +454,7 @@ impl Request {
 
     fn finish(&self, end: &End) {
         let film = self.film.lock().unwrap_or_else(PoisonError::into_inner).take();
-        self.view.end_turn(self.number);
+        self.view().end_turn();
         {
             let mut running = self.running();
             running.free.clear();

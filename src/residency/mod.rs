@@ -39,6 +39,8 @@ mod snapshot;
 mod sync;
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod turn_tests;
 mod view;
 mod wakeup;
 
@@ -52,4 +54,4 @@ pub use links::{Entries, MOST_NODES, Reference, Statements};
 pub use pump::Fetchers;
 pub use slots::Slot;
 pub use snapshot::{Shown, Snapshot};
-pub use view::{View, ViewState, ViewStatus, Wanted};
+pub use view::{ForRequest, View, ViewState, ViewStatus, Wanted};

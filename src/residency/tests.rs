@@ -12,7 +12,7 @@ use std::sync::{Arc, Barrier, Mutex};
 use std::time::Duration;
 
 /// Number of geometry blocks: a tree of four levels in which block `b` has the children `8 b + 1` to `8 b + 8`.
-const BLOCKS: u32 = 1 + 8 + 64 + 512;
+pub(super) const BLOCKS: u32 = 1 + 8 + 64 + 512;
 /// Number of blocks that have children.
 const COARSE: u32 = 1 + 8 + 64;
 /// Words of each geometry block.
@@ -86,8 +86,8 @@ impl Source for Watched {
     }
 }
 
-struct Rig {
-    residency: Residency,
+pub(super) struct Rig {
+    pub(super) residency: Residency,
     blocks: ModelBlocks,
     source: Arc<Watched>,
     told: Arc<Mutex<Vec<String>>>,
@@ -109,14 +109,14 @@ fn rig_with(options: ResidencyOptions, bytes: Vec<u8>, on_read: OnRead) -> Resul
     Ok(Rig { residency, blocks, source, told, looks })
 }
 
-fn rig(budget: u64, promote: bool) -> Rig {
+pub(super) fn rig(budget: u64, promote: bool) -> Rig {
     rig_with(ResidencyOptions { budget, promote }, file(None), Box::new(|_, _| Ok(()))).expect("a model")
 }
 
 /// Bytes of all geometry blocks. `budget_for` returns a budget that holds `share` of them beside the other data.
 const ALL: u64 = BLOCKS as u64 * (WORDS as u64 * 4 + 192);
 
-fn budget_for(share: f64) -> u64 {
+pub(super) fn budget_for(share: f64) -> u64 {
     (ALL as f64 * share) as u64 + (2 << 20) + 200_000
 }
 
@@ -139,7 +139,7 @@ impl Rig {
             self.check();
         }
     }
-    fn wanted(&self, block: u32, weight: f32) -> Wanted {
+    pub(super) fn wanted(&self, block: u32, weight: f32) -> Wanted {
         Wanted { model: self.blocks.key(), block: BlockId(block), weight }
     }
 }
@@ -283,7 +283,10 @@ fn the_most_wanted_block_is_read_first_with_its_neighbours() {
     one.want(&[rig.wanted(100, 2.0), rig.wanted(300, 3.0), rig.wanted(500, 1.0), rig.wanted(101, 0.1)]);
     other.begin_pass(true);
     other.want(&[rig.wanted(500, 1.5), rig.wanted(7, f32::NAN)]);
-    assert_eq!(one.status(), ViewStatus { bytes_wanted: 4 * WORDS as u64 * 4, state: ViewState::Busy, is_alone: false });
+    assert_eq!(
+        one.status(),
+        ViewStatus { bytes_wanted: 4 * WORDS as u64 * 4, state: ViewState::Busy, is_alone: false }
+    );
     order.lock().expect("the list").clear();
     rig.pump_all_unchecked();
     let block_at = |offset: u64| rig.blocks.file().directory().iter().position(|row| row.offset == offset);
@@ -523,7 +526,7 @@ fn leases_take_turns_and_views_keep_their_blocks() {
 
 impl Rig {
     /// Pumps without checking parents: the wants are artificial here.
-    fn pump_all_unchecked(&self) {
+    pub(super) fn pump_all_unchecked(&self) {
         while self.residency.pump() {}
     }
 }

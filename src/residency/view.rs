@@ -65,6 +65,8 @@ pub(super) struct ViewCore {
     /// Stamp of the last pass begun.
     running: AtomicU32,
     wants: Mutex<Wants>,
+    /// Number of the latest request that uses the view.
+    user: AtomicU64,
     /// Number of the request that has the turn; 0 if none has it.
     turn: AtomicU64,
     on_change: Mutex<Option<Call>>,
@@ -88,6 +90,7 @@ impl Residency {
             oldest_live_pass: AtomicU32::new(u32::MAX),
             running: AtomicU32::new(0),
             wants: Mutex::default(),
+            user: AtomicU64::new(0),
             turn: AtomicU64::new(0),
             on_change: Mutex::default(),
         });
@@ -97,48 +100,138 @@ impl Residency {
     }
 }
 
-impl View {
-    /// Begins a pass; returns the stamp with which it visits blocks. The blocks that the pass before used stay in use
-    /// until this one has ended. `changed`: the camera or the scene differs from the pass before.
-    ///
-    /// Query the [pressure](View::pressure) after this call.
-    pub fn begin_pass(&self, changed: bool) -> u32 {
-        let mut state = self.shared.lock();
-        let stamp = self.shared.next_pass(self.core.channel);
-        let before = self.core.running.swap(stamp, Relaxed);
-        self.core.oldest_live_pass.store(if before == 0 { stamp } else { before }, Relaxed);
+/// A view as one of the requests for its pictures uses it. From the moment a later request begins, calls for it do
+/// nothing: otherwise a request that was replaced could still withdraw the wants of the one that replaced it.
+#[derive(Clone, Copy)]
+pub struct ForRequest<'a> {
+    view: &'a View,
+    request: u64,
+}
+
+impl ForRequest<'_> {
+    /// Makes the request the user of the view.
+    pub fn begin(self) {
+        let _state = self.view.shared.lock();
+        self.view.core.user.fetch_max(self.request, Relaxed);
+    }
+
+    /// True if a later request uses the view. The lock of `state` keeps it so.
+    fn is_over(self, _state: &State) -> bool {
+        self.request < self.view.core.user.load(Relaxed)
+    }
+
+    /// See [`View::begin_pass`]. Returns 0 if a later request has begun.
+    pub fn begin_pass(self, changed: bool) -> u32 {
+        let View { core, shared, .. } = self.view;
+        let mut state = shared.lock();
+        if self.is_over(&state) {
+            return 0;
+        }
+        let stamp = shared.next_pass(core.channel);
+        let before = core.running.swap(stamp, Relaxed);
+        core.oldest_live_pass.store(if before == 0 { stamp } else { before }, Relaxed);
         if changed {
             state.pressure.may_fall = true;
         }
         stamp
     }
 
-    /// Replaces the view's wants by the blocks that the last begun pass lacked, and ends the pass: blocks that only
-    /// earlier passes used become evictable. Wanted blocks that arrived meanwhile are kept for the next pass.
-    pub fn want(&self, wanted: &[Wanted]) {
-        let running = self.core.running.load(Relaxed);
+    /// See [`View::want`].
+    pub fn want(self, wanted: &[Wanted]) {
+        let View { core, shared, .. } = self.view;
         let weight = |w: f32| if w > 0.0 { w } else { 0.0 };
         let mut list: Vec<(Key, f32)> = wanted.iter().map(|w| ((w.model, w.block), weight(w.weight))).collect();
         list.sort_unstable_by_key(|w| w.0);
-        let mut state = self.shared.lock();
+        let mut state = shared.lock();
+        if self.is_over(&state) {
+            return;
+        }
+        let running = core.running.load(Relaxed);
         for same in list.chunk_by(|a, b| a.0.0 == b.0.0) {
             let Some(model) = state.model(same[0].0.0) else { continue };
             let snapshot = model.published.load();
             same.iter().for_each(|((_, id), _)| snapshot.stamp_at_least(*id, running));
         }
         // An empty list after an empty list is no news for fetchers, unless room was short.
-        let is_news = !list.is_empty() || !self.core.lock().list.is_empty() || self.pressure() > 1.0;
+        let is_news = !list.is_empty() || !core.lock().list.is_empty() || self.view.pressure() > 1.0;
         // Reading ahead waits while a pass runs.
-        let is_news = is_news || self.shared.promotes() && !state.models.is_empty();
-        *self.core.lock() = Wants { list, stamp: running };
+        let is_news = is_news || shared.promotes() && !state.models.is_empty();
+        *core.lock() = Wants { list, stamp: running };
         if running != 0 {
-            self.core.oldest_live_pass.store(running, Relaxed);
+            core.oldest_live_pass.store(running, Relaxed);
         }
         let must_look = state.ranking.invalidate();
         drop(state);
         if is_news || must_look {
-            self.shared.wake();
+            shared.wake();
         }
+    }
+
+    /// Withdraws the view's wants, and lets its blocks be evicted although they were used last by it: its picture does
+    /// not need them any more.
+    pub fn rest(self) {
+        self.want(&[]);
+        let state = self.view.shared.lock();
+        if !self.is_over(&state) {
+            self.view.core.oldest_live_pass.store(u32::MAX, Relaxed);
+        }
+    }
+
+    /// Takes the turn, unless another view has it or a later request has begun. Wants of the view that has the turn
+    /// never raise the pressure: they come last, and if they do not fit, the state is `Full`.
+    pub fn takes_turn(self) -> bool {
+        let core = &self.view.core;
+        let mut state = self.view.shared.lock();
+        let is_free = state.turn.upgrade().is_none_or(|of| Arc::ptr_eq(&of, core) || !of.has_turn());
+        if !is_free || self.is_over(&state) {
+            return false;
+        }
+        state.turn = Arc::downgrade(core);
+        core.turn.store(self.request, Relaxed);
+        // The view's wants are patient from here on.
+        if state.ranking.invalidate() {
+            drop(state);
+            self.view.shared.wake();
+        }
+        true
+    }
+
+    /// Ends the turn, if the request has it, and calls the functions of all other views.
+    pub fn end_turn(self) {
+        let View { core, shared, .. } = self.view;
+        let mut others = {
+            let mut state = shared.lock();
+            if core.turn.compare_exchange(self.request, 0, Relaxed, Relaxed).is_err() {
+                return;
+            }
+            // The wants of a later request were ranked as patient.
+            let _ = state.ranking.invalidate();
+            state.live_views()
+        };
+        shared.wake();
+        others.retain(|view| !Arc::ptr_eq(view, core));
+        others.iter().filter_map(|view| view.call()).for_each(|call| call());
+    }
+}
+
+impl View {
+    /// The view as request `number` uses it: a number above 0, greater than those of the requests before.
+    pub fn of(&self, number: u64) -> ForRequest<'_> {
+        ForRequest { view: self, request: number }
+    }
+
+    /// Begins a pass; returns the stamp with which it visits blocks. The blocks that the pass before used stay in use
+    /// until this one has ended. `changed`: the camera or the scene differs from the pass before.
+    ///
+    /// Query the [pressure](View::pressure) after this call.
+    pub fn begin_pass(&self, changed: bool) -> u32 {
+        self.of(u64::MAX).begin_pass(changed)
+    }
+
+    /// Replaces the view's wants by the blocks that the last begun pass lacked, and ends the pass: blocks that only
+    /// earlier passes used become evictable. Wanted blocks that arrived meanwhile are kept for the next pass.
+    pub fn want(&self, wanted: &[Wanted]) {
+        self.of(u64::MAX).want(wanted);
     }
 
     /// Returns the factor for the view's threshold: at least 1, and more if the wants of all views do not fit the
@@ -157,35 +250,6 @@ impl View {
     /// end. All views are notified. Returns true if blocks are being read: call it again after that.
     pub fn ease(&self) -> bool {
         self.pressure() > 1.0 && self.shared.ease()
-    }
-
-    /// Withdraws the view's wants, and lets its blocks be evicted although they were used last by it: its picture does
-    /// not need them any more.
-    pub fn rest(&self) {
-        self.want(&[]);
-        self.core.oldest_live_pass.store(u32::MAX, Relaxed);
-    }
-
-    /// Takes the turn for `request`, a number above 0, unless another view has it. Wants of the view that has the turn
-    /// never raise the pressure: they come last, and if they do not fit, the state is `Full`.
-    pub fn takes_turn(&self, request: u64) -> bool {
-        let mut state = self.shared.lock();
-        let is_free = state.turn.upgrade().is_none_or(|of| Arc::ptr_eq(&of, &self.core) || !of.has_turn());
-        if is_free {
-            state.turn = Arc::downgrade(&self.core);
-            self.core.turn.store(request, Relaxed);
-        }
-        is_free
-    }
-
-    /// Ends the turn of `request`, if it has the turn, and calls the functions of all other views.
-    pub fn end_turn(&self, request: u64) {
-        if self.core.turn.compare_exchange(request, 0, Relaxed, Relaxed).is_err() {
-            return;
-        }
-        let mut others = self.shared.lock().live_views();
-        others.retain(|view| !Arc::ptr_eq(view, &self.core));
-        others.iter().filter_map(|view| view.call()).for_each(|call| call());
     }
 
     /// Bytes of blocks that were read for all models since the residency was created.
