@@ -8,6 +8,7 @@ use super::picture::{Picture, Reducer};
 use crate::base::memory;
 use crate::base::progress::Cancel;
 use png::{BitDepth, ColorType, Transformations};
+use std::cell::Cell;
 use std::io::{self, BufRead, Cursor, Read, Seek, SeekFrom};
 use zune_jpeg::JpegDecoder;
 use zune_jpeg::zune_core::colorspace::ColorSpace;
@@ -26,6 +27,8 @@ pub(crate) struct Decoding<'a> {
     pub(crate) limit: u64,
     /// True if the first row of the picture is the last row of texels.
     pub(crate) flip: bool,
+    /// Number of pixels that may still be decoded.
+    pub(crate) pixels: &'a Cell<u64>,
     pub(crate) cancel: &'a Cancel,
 }
 
@@ -49,6 +52,10 @@ impl Decoding<'_> {
         if pixels == 0 || pixels > most || width > MAX_WIDTH {
             return Err(format!("a picture of {width} × {height} pixels is empty or too large").into());
         }
+        if pixels > self.pixels.get() {
+            let why = "the pictures of the mesh file have too many pixels for their number of bytes";
+            return Err(format!("a picture of {width} × {height} pixels is left out: {why}").into());
+        }
         if working > self.limit {
             return Err(format!(
                 "a picture of {width} × {height} pixels takes {working} bytes to decode, and the memory budget leaves {}",
@@ -56,6 +63,7 @@ impl Decoding<'_> {
             )
             .into());
         }
+        self.pixels.set(self.pixels.get() - pixels);
         Ok(())
     }
 

@@ -5,7 +5,7 @@ use crate::import::texture::{Alpha, Texture};
 use image::{ExtendedColorType, ImageFormat};
 
 fn decode(bytes: &[u8], limit: u64) -> Parsed<Picture> {
-    Decoding { limit, flip: false, cancel: &Cancel::new() }.decode(bytes)
+    Decoding { limit, flip: false, pixels: &Cell::new(u64::MAX), cancel: &Cancel::new() }.decode(bytes)
 }
 
 fn why(outcome: Parsed<Picture>) -> String {
@@ -112,7 +112,9 @@ fn every_kind_of_png_is_read_row_by_row_as_a_whole() {
         for (width, height) in [(1, 1), (13, 7), (2500, 3)] {
             let bytes = png_of(width, height, colour, depth);
             for flip in [false, true] {
-                let found = Decoding { limit: u64::MAX, flip, cancel: &Cancel::new() }.decode(&bytes).ok();
+                let found = Decoding { limit: u64::MAX, flip, pixels: &Cell::new(u64::MAX), cancel: &Cancel::new() }
+                    .decode(&bytes)
+                    .ok();
                 let what = format!("{colour:?} {depth:?} {width} × {height}");
                 assert_same(&found.expect(&what), &expected(&bytes, flip), &what);
             }
@@ -182,7 +184,8 @@ fn a_cancelled_decoding_ends() {
     cancel.cancel();
     assert_eq!((source.read(&mut one).unwrap(), source.fill_buf().unwrap()), (0, &[][..]));
     let bytes = png_of(13, 7, ColorType::Rgb, BitDepth::Eight);
-    let outcome = Decoding { limit: u64::MAX, flip: false, cancel: &cancel }.decode(&bytes);
+    let outcome =
+        Decoding { limit: u64::MAX, flip: false, pixels: &Cell::new(u64::MAX), cancel: &cancel }.decode(&bytes);
     assert!(matches!(outcome, Err(Fault::Failed(Error::Cancelled))));
 }
 

@@ -11,7 +11,7 @@ use crate::base::error::{Error, Place};
 use crate::base::progress::Cancel;
 use crate::import::colour::unit;
 use crate::import::input::{Fault, Parsed};
-use crate::import::pictures::{PictureId, Pictures};
+use crate::import::pictures::{Encoded, PictureId, Pictures};
 use crate::import::{MaterialDesc, MaterialKey, ReadOptions, Sink};
 use std::collections::HashMap;
 use std::rc::Rc;
@@ -168,7 +168,11 @@ impl Materials {
         }
         self.sources.insert(source, None);
         let bytes = image_bytes(image, self.pictures.largest_file(), model, buffers)?;
-        let picture = self.pictures.add(&bytes, cancel)?;
+        let place = match source {
+            Source::Range(..) => Encoded::Within(buffers.progress().1),
+            Source::Uri(_) => Encoded::File,
+        };
+        let picture = self.pictures.add(&bytes, place, cancel)?;
         self.sources.insert(source, Some(picture));
         Ok(Some(picture))
     }

@@ -6,7 +6,7 @@ use crate::base::error::{Error, Place, Result};
 use crate::base::progress::Cancel;
 use crate::import::Sink;
 use crate::import::access::Files;
-use crate::import::pictures::{PictureId, Pictures};
+use crate::import::pictures::{Encoded, PictureId, Pictures};
 use crate::import::text;
 use crate::import::texture::{Alpha, Mapping, Texture, Wrap};
 use glam::Vec2;
@@ -141,7 +141,7 @@ impl<'a> Textures<'a> {
         if !input.read_range(0, &mut bytes)? {
             return Err(fail("became shorter while being read".into()));
         }
-        let picture = self.pictures.add(&bytes, cancel).map_err(|fault| fault.at(&path, Place::File))?;
+        let picture = self.pictures.add(&bytes, Encoded::File, cancel).map_err(|fault| fault.at(&path, Place::File))?;
         if is_file {
             self.paths.insert(path, picture);
         }
