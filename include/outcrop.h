@@ -43,6 +43,8 @@
  *   - `const` object: the function does not change the object. Any number of threads may call
  *     such functions at the same time.
  *   - Other functions document their `Thread safety`.
+ *   - A call takes at most 64 KB of the stack of its thread. A build that runs in a thread of the
+ *     host takes up to 1 MiB. Threads that the library starts have stacks of 2 MiB.
  *
  * Pointers and arrays
  *   - A pointer may be NULL only if its documentation says so.
@@ -267,10 +269,16 @@ typedef struct oc_context_desc {
     uint32_t threads;
     /**
      * Limit in bytes of the memory that the blocks of all models take, including tables (parts and their names too)
-     * and buffers for reading, and that the instances, placed meshes and looks of scenes take. Never exceeded. Not
-     * included: buffers of frames and batches; 16 KiB of each scene and of each instance with looks of parts; three
-     * blocks for each thread that reads, and the rest of huge pages (at most a sixteenth). 0: three quarters of the
-     * machine's memory. A value above the machine's memory is refused.
+     * and buffers for reading, and that the instances, placed meshes and looks of scenes take. Never exceeded. 0:
+     * three quarters of the machine's memory. A value above the machine's memory is refused.
+     *
+     * Not included:
+     * - Batches: 8 MiB for the rays of all batches that wait for data, and 2 MiB for each thread that traces.
+     * - oc_scene_overlap_box, oc_scene_overlap_frustum: 1 MiB for each call, and 96 bytes for each part found.
+     * - Frames: three times the bytes of the buffers (once more for each picture that is still mapped), and 16 bytes
+     *   for each pixel.
+     * - Scenes: 80 KiB for each, and while parts are chosen 13 bytes for each id in the list.
+     * - Reading: three blocks (192 KiB) for each thread that reads, and the rest of huge pages (at most a sixteenth).
      *
      * A model may be many times larger than the budget:
      * - Opening a model reads its coarse blocks. Other blocks are read when they are used. The least recently used

@@ -12,6 +12,7 @@ mod gltf_files;
 mod hostile_oc;
 mod import_models;
 mod models;
+mod needs;
 mod out_of_core_build;
 mod prefetch;
 mod residency;

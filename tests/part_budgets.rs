@@ -181,6 +181,19 @@ fn isolated_parts_cost_their_own_blocks() {
     }
 }
 
+/// The sets of parts count once while they stay, and twice only while they are read.
+#[test]
+fn the_parts_of_blocks_count_once() {
+    let path = &airliner().path;
+    let (context, scene, model) = open(path, 0);
+    let file = ModelFile::open_path(path).expect("a file");
+    let (stay, before) = (file.part_sets().expect("sets").memory(), context.memory_used());
+    assert!(stay > 16 << 10 && file.part_sets_memory() == 2 * stay, "{stay}");
+    let part = parts_of(&model)[0];
+    scene.set_parts_look(7, &[part], Scope::Own, HIDDEN).expect("a look");
+    assert_eq!(context.memory_used() - before, stay);
+}
+
 /// Exact pictures equal those of a model that was built without the hidden parts.
 #[test]
 fn exact_pictures_are_those_of_a_model_without_the_hidden_parts() {

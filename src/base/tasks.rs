@@ -10,6 +10,7 @@ use super::handle::{Handle, WakeFn};
 use super::inside_read::refuse_inside_read;
 use super::reserve;
 use super::round::Round;
+use super::threads;
 use std::any::Any;
 use std::cell::{Cell, RefCell};
 use std::collections::VecDeque;
@@ -222,8 +223,7 @@ impl Pool {
         let mut pool = Self { shared, threads: Vec::new() };
         for i in 0..threads {
             let shared = Arc::clone(&pool.shared);
-            let thread = std::thread::Builder::new()
-                .name(format!("outcrop {i}"))
+            let thread = threads::named(format!("outcrop {i}"))
                 .spawn(move || shared.serve_until_stopped())
                 .map_err(|e| Error::io("worker thread", "start", e))?;
             pool.threads.push(thread);

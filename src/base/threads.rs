@@ -13,6 +13,15 @@ pub fn most() -> usize {
     (4 * processors()).max(64)
 }
 
+/// Bytes of address space of the stack of each thread that the library starts, whatever the default of the system or of
+/// the variable `RUST_MIN_STACK` is. The system provides memory for the part that is used.
+pub const STACK: usize = 2 << 20;
+
+/// Returns a builder of a thread of the library.
+pub fn named(name: String) -> std::thread::Builder {
+    std::thread::Builder::new().name(name).stack_size(STACK)
+}
+
 /// Refuses a number of threads above the limit. `name`: name of the argument.
 pub fn check(asked: usize, name: &str) -> Result<()> {
     let most = most();

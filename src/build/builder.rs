@@ -269,6 +269,7 @@ fn in_pool<T: Send>(threads: usize, work: impl FnOnce(usize) -> Result<T> + Send
         return work(1);
     }
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).thread_name(|i| format!("outcrop-build-{i}"));
+    let pool = pool.stack_size(threads::STACK);
     let pool = pool.build().map_err(|e| Error::io("build thread", "start", std::io::Error::other(e)))?;
     pool.install(|| work(threads))
 }

@@ -4,7 +4,7 @@ use super::BuildOptions;
 use super::mesh::Mesh;
 use super::output::{Output, Span};
 use super::part_sets::TreeParts;
-use super::parts::{self, Assembly};
+use super::parts::{self, Assembly, Placings};
 use super::report::{BuildReport, PhaseSeconds};
 use super::shares::Shares;
 use super::split::{self, Splitter};
@@ -108,6 +108,7 @@ pub fn run(mut gathered: Gathered, asked: &Asked, threads: usize) -> Result<Buil
         par,
     };
     let sizes: Vec<(u64, u32)> = meshes.iter().map(|m| (m.triangles, m.local_parts)).collect();
+    gathered.assembly.placings = Placings::of(&gathered.assembly.instances, meshes.len());
     gathered.assembly.tight = Tight::plan(&sizes, &gathered.assembly.instances);
     let mut rows = Vec::new();
     let all: f64 = meshes.iter().map(|m| 1.0 + m.triangles as f64).sum();

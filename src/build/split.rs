@@ -8,7 +8,7 @@
 use super::batch::Batch;
 use super::origin;
 use super::owners::{self, Mark, Owners, Pairs};
-use super::parts::Assembly;
+use super::parts::{Assembly, Placings};
 use super::places::{Around, Places};
 use super::resolve::{self, Samples};
 use super::shares::Shares;
@@ -110,6 +110,7 @@ impl Splitter<'_> {
     /// of these in `assembly`.
     pub fn run(&self, meshes: &mut Vec<Spool>, assembly: &mut Assembly) -> Result<Found> {
         let mut all = Found::default();
+        assembly.placings = Placings::of(&assembly.instances, meshes.len());
         for index in 0..meshes.len() {
             let mesh = std::mem::replace(&mut meshes[index], Spool::new(0));
             let (trees, unresolved) = self.divide(mesh)?;
@@ -429,7 +430,7 @@ fn place(assembly: &mut Assembly, mesh: u32, tree: u32) {
         assembly.instances.push(InstanceRow { tree, first_part: 0, world_from_mesh });
         return;
     }
-    let again: Vec<InstanceRow> =
-        assembly.instances.iter().filter(|i| i.tree == mesh).map(|i| InstanceRow { tree, ..*i }).collect();
+    let placed = assembly.placings.of_tree(mesh as usize).map(|i| &assembly.instances[i]);
+    let again: Vec<InstanceRow> = placed.map(|i| InstanceRow { tree, ..*i }).collect();
     assembly.instances.extend(again);
 }

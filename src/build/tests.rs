@@ -305,3 +305,34 @@ fn a_disk_that_fails_at_any_write_leaves_the_old_file_and_nothing_else() {
     assert!(failures > 15, "{failures} writes test little");
     ModelFile::open_path(&path).expect("a model");
 }
+
+/// Each of very many shared meshes finds its own instances, in time that does not grow with all others.
+#[test]
+fn many_shared_meshes_have_their_own_parts() {
+    const MESHES: usize = if cfg!(optimised) { 20_000 } else { 3000 };
+    let folder = tempfile::tempdir().expect("folder");
+    let path = folder.path().join("model.oc");
+    let options = BuildOptions { threads: 2, ..BuildOptions::default() };
+    let mut builder = Builder::new(options, Arc::new(Progress::default()), Cancel::new()).expect("options");
+    let size = |mesh: usize| DVec3::new(1.0 + (mesh % 5) as f64, 2.0, 0.0);
+    let place = |mesh: usize| DVec3::new((mesh % 100) as f64 * 8.0, (mesh / 100) as f64 * 8.0, 0.0);
+    let keys: Vec<MeshKey> = (0..MESHES).map(|_| builder.shared_mesh(1).expect("mesh")).collect();
+    for (mesh, key) in keys.iter().enumerate() {
+        let size = size(mesh);
+        builder.triangles(*key, 0, &[[DVec3::ZERO, size.with_y(0.0), size]], None).expect("triangle");
+    }
+    // In an order that is not that of the meshes.
+    for mesh in (0..MESHES).map(|i| i * 7919 % MESHES) {
+        let part = builder.part(PartDesc { id: Some(mesh as u64), ..PartDesc::default() }).expect("part");
+        builder.instance(keys[mesh], glam::DAffine3::from_translation(place(mesh)), part).expect("instance");
+    }
+    let report = builder.finish(&path).expect("build");
+    println!("{MESHES} meshes: {:?}", report.seconds);
+    let file = ModelFile::open_path(&path).expect("open");
+    assert_eq!((file.trees().len(), file.parts().len()), (MESHES + 1, MESHES));
+    for part in (0..MESHES).filter_map(|i| file.parts().get(i)) {
+        let [least, greatest] = [place(part.id as usize), place(part.id as usize) + size(part.id as usize)];
+        let [a, b, c, d, e, f] = part.bounds;
+        assert_eq!((part.triangles, DVec3::new(a, b, c), DVec3::new(d, e, f)), (1, least, greatest), "{}", part.id);
+    }
+}

@@ -107,10 +107,16 @@ pub struct oc_context_desc {
     /// of a model that is being read is slower, slowest with `oc_context_step`.
     pub threads: u32,
     /// Limit in bytes of the memory that the blocks of all models take, including tables (parts and their names too)
-    /// and buffers for reading, and that the instances, placed meshes and looks of scenes take. Never exceeded. Not
-    /// included: buffers of frames and batches; 16 KiB of each scene and of each instance with looks of parts; three
-    /// blocks for each thread that reads, and the rest of huge pages (at most a sixteenth). 0: three quarters of the
-    /// machine's memory. A value above the machine's memory is refused.
+    /// and buffers for reading, and that the instances, placed meshes and looks of scenes take. Never exceeded. 0:
+    /// three quarters of the machine's memory. A value above the machine's memory is refused.
+    ///
+    /// Not included:
+    /// - Batches: 8 MiB for the rays of all batches that wait for data, and 2 MiB for each thread that traces.
+    /// - oc_scene_overlap_box, oc_scene_overlap_frustum: 1 MiB for each call, and 96 bytes for each part found.
+    /// - Frames: three times the bytes of the buffers (once more for each picture that is still mapped), and 16 bytes
+    ///   for each pixel.
+    /// - Scenes: 80 KiB for each, and while parts are chosen 13 bytes for each id in the list.
+    /// - Reading: three blocks (192 KiB) for each thread that reads, and the rest of huge pages (at most a sixteenth).
     ///
     /// A model may be many times larger than the budget:
     /// - Opening a model reads its coarse blocks. Other blocks are read when they are used. The least recently used
@@ -182,8 +188,7 @@ impl ContextObject {
             waiting.push_back(Arc::downgrade(&task));
         } else {
             let task = Arc::clone(&task);
-            std::thread::Builder::new()
-                .name("outcrop work".into())
+            threads::named("outcrop work".into())
                 .spawn(move || task.run())
                 .map_err(|e| Error::io("background thread", "start", e))?;
         }

@@ -161,9 +161,8 @@ where
     H: Hits + Send + Sync,
 {
     type Waiting = Parked<Box<Group>>;
-    /// Each group takes some tens of kilobytes at most.
-    const MOST_WAITING: usize = 1024;
-    const PIECES: usize = CHUNK / PACKET;
+    /// Some 20 KB for each group.
+    const ITEM_BYTES: u64 = (CHUNK / PACKET * 20) as u64 * 1024;
     /// A chunk takes at least some tens of microseconds.
     const RENEWAL: usize = 1;
     const FETCH: usize = 16;

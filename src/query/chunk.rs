@@ -222,6 +222,7 @@ impl Chunk {
             walk.begin(view, &rays[i - group.start]);
             match trace(view, task, &rays[i - group.start], &mut walk) {
                 Step::Pending(need) if task.policy == Policy::Exact => {
+                    walk.fit();
                     waiting.push(Waiting { ray: i - group.start, left: Left::Walk(walk), asks: Asks::of(need) });
                 }
                 step => {
@@ -442,6 +443,15 @@ impl Group {
 impl Waits for Box<Group> {
     fn asks(&self) -> impl Iterator<Item = &Asks> {
         self.waiting.iter().map(|waiting| &waiting.asks)
+    }
+
+    fn bytes(&self) -> u64 {
+        let of_walk = |waiting: &Waiting| match &waiting.left {
+            Left::Walk(walk) | Left::Past(walk) | Left::Free(walk) => walk.bytes(),
+            Left::Hit | Left::Nothing => 0,
+        };
+        let walks: u64 = self.waiting.iter().map(of_walk).sum();
+        (size_of::<Group>() + self.waiting.capacity() * size_of::<Waiting>()) as u64 + walks
     }
 }
 

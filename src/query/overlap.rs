@@ -71,12 +71,14 @@ impl SceneState {
     fn overlap(&self, volume: &Volume) -> Result<Vec<PartOverlap>> {
         let placed = &self.placement.placed;
         let near = |p: &Placed| self.instances[p.instance as usize].look.visible && volume.may_meet(&p.bounds);
-        let trees: Vec<u32> = (0..placed.len() as u32).filter(|&i| near(&placed[i as usize])).collect();
+        let mut trees = (0..placed.len() as u32).filter(|&i| near(&placed[i as usize]));
         let mut met: BTreeMap<(u32, u32), bool> = BTreeMap::new();
         let search: Search<BTreeMap<u32, bool>> = &|view, tree, left, met| meet(view, tree, volume, left, met);
-        for (tree, parts) in trees.iter().zip(sweep(self, &trees, search)?) {
-            for (part, inside) in parts {
-                *met.entry((placed[*tree as usize].instance, part)).or_insert(true) &= inside;
+        while let Some(some) = next_trees(&mut trees) {
+            for (tree, parts) in some.iter().zip(sweep(self, &some, search)?) {
+                for (part, inside) in parts {
+                    *met.entry((placed[*tree as usize].instance, part)).or_insert(true) &= inside;
+                }
             }
         }
         self.refute_inside(volume, &mut met)?;
@@ -108,18 +110,29 @@ impl SceneState {
         }
         let placed = &self.placement.placed;
         let concerned = |p: &Placed| doubtful.get(&p.instance).is_some_and(|d| d.1.overlaps(&p.bounds));
-        let trees: Vec<u32> = (0..placed.len() as u32).filter(|&i| concerned(&placed[i as usize])).collect();
+        let mut trees = (0..placed.len() as u32).filter(|&i| concerned(&placed[i as usize]));
         let search: Search<BTreeSet<u32>> = &|view, tree, left, refuted| {
             let (parts, bounds) = &doubtful[&placed[tree as usize].instance];
             outside(view, tree, volume, (parts, bounds), left, refuted);
         };
-        for (tree, refuted) in trees.iter().zip(sweep(self, &trees, search)?) {
-            for part in refuted {
-                met.insert((placed[*tree as usize].instance, part), false);
+        while let Some(some) = next_trees(&mut trees) {
+            for (tree, refuted) in some.iter().zip(sweep(self, &some, search)?) {
+                for part in refuted {
+                    met.insert((placed[*tree as usize].instance, part), false);
+                }
             }
         }
         Ok(())
     }
+}
+
+/// Greatest number of placed trees that a sweep visits: each takes memory for its results.
+const TREES: usize = 1 << 14;
+
+/// Takes the trees of the next sweep; `None` if there are no more.
+fn next_trees(trees: &mut impl Iterator<Item = u32>) -> Option<Vec<u32>> {
+    let some: Vec<u32> = trees.take(TREES).collect();
+    (!some.is_empty()).then_some(some)
 }
 
 /// Finds the parts of a placed tree that intersect the volume, and if all visited triangles of each are inside.

@@ -13,6 +13,8 @@ use std::collections::{BTreeSet, BinaryHeap, HashMap};
 pub(super) trait Waits {
     /// The blocks that each of its waiting rays requested.
     fn asks(&self) -> impl Iterator<Item = &Asks>;
+    /// Bytes of its memory.
+    fn bytes(&self) -> u64;
 }
 
 /// Blocks that a ray needs in memory at the same time, the most recently requested first.
@@ -55,12 +57,23 @@ impl<G> Default for Parked<G> {
     }
 }
 
-impl<G: Send> WaitList for Parked<G> {
+/// Bytes of the entries for the blocks that a ray waits for, if no other ray waits for the same ones.
+const ENTRY: u64 = (2 * size_of::<(Needs, usize)>() + 2 * size_of::<(Needs, Waiters)>() + 4 * size_of::<Need>()) as u64;
+
+impl<G: Send + Waits> WaitList for Parked<G> {
     type Piece = G;
     type Parked = Parking<G>;
 
-    fn len(&self) -> usize {
-        self.groups.len() - self.free.len()
+    fn bytes(group: &G) -> u64 {
+        size_of::<Option<Parking<G>>>() as u64 + group.bytes() + group.asks().count() as u64 * ENTRY
+    }
+
+    fn piece(parking: &Parking<G>) -> &G {
+        &parking.group
+    }
+
+    fn is_empty(&self) -> bool {
+        self.groups.len() == self.free.len()
     }
 
     fn push(&mut self, parking: Parking<G>) {
@@ -145,6 +158,10 @@ mod tests {
         fn asks(&self) -> impl Iterator<Item = &Asks> {
             self.0.iter()
         }
+
+        fn bytes(&self) -> u64 {
+            0
+        }
     }
 
     fn for_one(blocks: &[u32]) -> Parking<Asking> {
@@ -156,6 +173,10 @@ mod tests {
         let mut both = Asks::of(need(8));
         [9, 8].iter().for_each(|&n| both.push(need(n)));
         both
+    }
+
+    fn count(parked: &Parked<Asking>) -> usize {
+        parked.groups.len() - parked.free.len()
     }
 
     fn plan(parked: &Parked<Asking>, room: u64) -> (Vec<u32>, bool) {
@@ -184,7 +205,7 @@ mod tests {
         parked.push(for_one(&[2, 7]));
         let taken = parked.take(|need| [7, 8].contains(&need.block.0));
         assert_eq!((taken.len(), taken[0].0[0].needs()), (1, &[need(2)][..]));
-        assert_eq!((parked.len(), plan(&parked, 100).0), (2, vec![2, 1, 8, 9]));
+        assert_eq!((count(&parked), plan(&parked, 100).0), (2, vec![2, 1, 8, 9]));
         // The next group takes the free index.
         parked.push(for_one(&[1, 1]));
         assert_eq!((parked.groups.len(), plan(&parked, 10).0), (3, vec![1]));

@@ -8,6 +8,9 @@
 //! use. If views leave less room than the reserve has, pieces go on in a round under a lease of the reserve. If all
 //! blocks are in memory, there is one round and no lease.
 //!
+//! Waiting pieces take working memory outside of the budget, so their bytes are limited for all jobs of a context
+//! together. While they take more, items of the first round are deferred.
+//!
 //! Prefetches do not use this engine: see `render/prefetch`. Frames render in passes: see `render/passes.rs`.
 
 use super::needs::{by_model, bytes_of};
@@ -17,16 +20,15 @@ use crate::base::tasks::Work;
 use crate::residency::Lease;
 use crate::scene::SceneState;
 use crate::scene::walk::{Hold, Need, Snapshots};
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// A job that is answered in pieces, each as far as the blocks in memory allow.
 pub(super) trait Quest: Send + Sync {
     /// The list of its pieces that lack blocks.
     type Waiting: WaitList;
-    /// Greatest number of waiting pieces. While there are more, items of the first round are deferred.
-    const MOST_WAITING: usize;
-    /// Greatest number of waiting pieces that an item of the first round leaves.
-    const PIECES: usize;
+    /// Bytes of the waiting pieces that an item of the first round usually leaves if it lacks blocks.
+    const ITEM_BYTES: u64;
     /// Number of items of the first round between two renewals of its snapshot. A snapshot keeps blocks alive that
     /// other jobs have evicted, so a long round renews it. A comparison with the current table takes some nanoseconds
     /// per model.
@@ -49,12 +51,12 @@ pub(super) trait WaitList: Default + Send {
     /// A piece that waits, with the blocks that it waits for. It is made under no lock.
     type Parked: Send;
 
-    /// Number of waiting pieces.
-    fn len(&self) -> usize;
+    /// Bytes of memory of a piece and of its entries in the list.
+    fn bytes(piece: &Self::Piece) -> u64;
+    /// The piece in `parked`.
+    fn piece(parked: &Self::Parked) -> &Self::Piece;
     /// True if no piece waits.
-    fn is_empty(&self) -> bool {
-        self.len() == 0
-    }
+    fn is_empty(&self) -> bool;
     /// Adds a piece.
     fn push(&mut self, parked: Self::Parked);
     /// Removes the pieces that can go on with the blocks for which `is_there` holds.
@@ -67,6 +69,10 @@ pub(super) trait WaitList: Default + Send {
 
 /// A piece of a quest that goes on.
 type Piece<Q> = <<Q as Quest>::Waiting as WaitList>::Piece;
+/// Greatest number of bytes of the pieces of all quests of a context that wait. A quest may exceed it by the pieces of
+/// the items that its workers begin at the same time, and a quest without pieces may begin an item in any case.
+pub(super) const MOST_WAITING: u64 = 8 << 20;
+
 /// A piece of a quest that waits.
 pub(super) type Parked<Q> = <<Q as Quest>::Waiting as WaitList>::Parked;
 
@@ -90,8 +96,40 @@ struct State<Q: Quest> {
     hold: Hold,
     room: Room,
     waiting: Q::Waiting,
-    /// Items of the first round that are deferred because too many pieces wait.
+    /// Items of the first round that are deferred because waiting pieces take too much memory.
     deferred: Vec<usize>,
+    /// Memory of the pieces that wait, and of those in `items`.
+    held: Held,
+}
+
+/// Bytes of pieces, counted for the quest and for its context.
+struct Held {
+    own: u64,
+    all: Arc<AtomicU64>,
+}
+
+impl Held {
+    fn add(&mut self, bytes: u64) {
+        self.own += bytes;
+        self.all.fetch_add(bytes, Relaxed);
+    }
+
+    fn remove(&mut self, bytes: u64) {
+        self.own -= bytes;
+        self.all.fetch_sub(bytes, Relaxed);
+    }
+
+    /// Bytes of further pieces that may wait.
+    fn left(&self) -> u64 {
+        let left = MOST_WAITING.saturating_sub(self.all.load(Relaxed));
+        if self.own == 0 { left.max(1) } else { left }
+    }
+}
+
+impl Drop for Held {
+    fn drop(&mut self) {
+        self.remove(self.own);
+    }
 }
 
 /// An item of a round after the first.
@@ -112,7 +150,8 @@ impl<Q: Quest> Rounds<Q> {
     /// A quest that is not begun.
     pub fn new(quest: Q) -> Self {
         let snapshots = Snapshots::take(quest.scene());
-        Self { quest, state: Mutex::new(State::new(snapshots)) }
+        let held = Held { own: 0, all: quest.scene().context().waiting() };
+        Self { quest, state: Mutex::new(State::new(snapshots, held)) }
     }
 
     /// A quest of which only `parked` remains; [`Work::round_done`] begins its first round.
@@ -131,7 +170,7 @@ impl<Q: Quest> Rounds<Q> {
         let scene = self.quest.scene();
         let snapshots = {
             let mut state = self.state();
-            if state.waiting.len() >= Q::MOST_WAITING {
+            if state.held.left() == 0 {
                 return state.deferred.push(item);
             }
             let is_renewed =
@@ -151,6 +190,7 @@ impl<Q: Quest> Rounds<Q> {
     }
 
     fn resume(&self, piece: Piece<Q>, snapshots: &Snapshots) {
+        self.state().held.remove(Q::Waiting::bytes(&piece));
         self.park(self.quest.resume(piece, snapshots));
     }
 
@@ -159,7 +199,10 @@ impl<Q: Quest> Rounds<Q> {
         let mut parked = parked.into_iter().peekable();
         if parked.peek().is_some() {
             let mut state = self.state();
-            parked.for_each(|piece| state.waiting.push(piece));
+            parked.for_each(|parked| {
+                state.held.add(Q::Waiting::bytes(Q::Waiting::piece(&parked)));
+                state.waiting.push(parked);
+            });
         }
     }
 
@@ -240,7 +283,7 @@ fn by_turns(needs: &[Need], readers: usize, few: usize) -> Vec<Vec<Need>> {
 
 impl<Q: Quest> State<Q> {
     /// The state before the first round.
-    fn new(snapshots: Snapshots) -> Self {
+    fn new(snapshots: Snapshots, held: Held) -> Self {
         Self {
             snapshots: Arc::new(snapshots),
             items: Vec::new(),
@@ -251,6 +294,7 @@ impl<Q: Quest> State<Q> {
             room: Room::default(),
             waiting: Q::Waiting::default(),
             deferred: Vec::new(),
+            held,
         }
     }
 
@@ -266,10 +310,10 @@ impl<Q: Quest> State<Q> {
         self.begin(items)
     }
 
-    /// Begins a round of `items`, and of deferred items of the first round as long as few pieces wait. Returns the
-    /// number of items.
+    /// Begins a round of `items`, and of deferred items of the first round as long as waiting pieces leave memory.
+    /// Returns the number of items.
     fn begin(&mut self, items: Vec<Item<Piece<Q>>>) -> usize {
-        let more = Q::MOST_WAITING.saturating_sub(self.waiting.len() + items.len()).div_ceil(Q::PIECES);
+        let more = usize::try_from(self.held.left().div_ceil(Q::ITEM_BYTES)).unwrap_or(usize::MAX);
         let from = self.deferred.len() - more.min(self.deferred.len());
         let deferred = self.deferred.drain(from..).map(Item::Begin);
         self.items = items.into_iter().chain(deferred).map(Some).collect();

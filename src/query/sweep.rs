@@ -52,9 +52,7 @@ impl<T> Visit<T> {
 
 impl<T: Send + Default> Quest for Sweep<'_, T> {
     type Waiting = Visits<T>;
-    /// Visits are small, and many wait for the same blocks.
-    const MOST_WAITING: usize = usize::MAX;
-    const PIECES: usize = 1;
+    const ITEM_BYTES: u64 = 256;
     /// The visit to a small tree takes less than a microsecond.
     const RENEWAL: usize = 64;
     /// Larger than for ray batches: most blocks that a visit lacks are neighbours, and one read brings several. (A box
@@ -96,8 +94,16 @@ impl<T: Send> WaitList for Visits<T> {
     type Piece = Visit<T>;
     type Parked = Visit<T>;
 
-    fn len(&self) -> usize {
-        self.0.len()
+    fn bytes(visit: &Visit<T>) -> u64 {
+        size_of::<Visit<T>>() as u64 + visit.left.bytes()
+    }
+
+    fn piece(visit: &Visit<T>) -> &Visit<T> {
+        visit
+    }
+
+    fn is_empty(&self) -> bool {
+        self.0.is_empty()
     }
 
     fn push(&mut self, visit: Visit<T>) {

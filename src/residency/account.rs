@@ -50,6 +50,12 @@ impl Charge {
         self.bytes -= bytes;
         Self { account: self.account.clone(), bytes }
     }
+
+    /// Adds the bytes of another charge of the same account.
+    pub fn join(&mut self, mut other: Self) {
+        self.bytes += std::mem::take(&mut other.bytes);
+        self.account = self.account.take().or(other.account.take());
+    }
 }
 
 impl Drop for Charge {

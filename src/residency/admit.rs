@@ -7,6 +7,7 @@ use super::lease::WORKING_SHARE;
 use super::links::Links;
 use super::load::{reading_bytes, slot_bytes_of};
 use super::snapshot::{PAGE_BYTES, Snapshot};
+use super::sync::Ordering::Relaxed;
 use crate::base::error::{Error, Result};
 use crate::base::progress::Cancel;
 use crate::store::directory::Row;
@@ -150,7 +151,7 @@ impl Shared {
     }
 
     /// Charges `bytes`. Evicts blocks in use if it must, and then waits until passes that hold them have ended,
-    /// [`FOR_ROOM`] at most. Fails with `Cancelled`, or with `OverBudget` for `what`, which lacks `lacking` bytes.
+    /// [`FOR_ROOM`] at most, or not at all where the host's threads do all work. Fails with `Cancelled`, or with `OverBudget` for `what`, which lacks `lacking` bytes.
     pub fn charge_when_free(
         &self,
         bytes: u64,
@@ -165,7 +166,7 @@ impl Shared {
                 return Ok(charge);
             }
             cancel.check()?;
-            if begun.elapsed() >= FOR_ROOM {
+            if begun.elapsed() >= FOR_ROOM || self.is_stepped.load(Relaxed) {
                 let have = self.budget();
                 let what = format!("{} in addition to the data in use", what());
                 return Err(Error::OverBudget { what, need: grown(have, lacking), have });

@@ -19,6 +19,7 @@ use super::view::{Call, ViewCore};
 use super::wakeup::Wakeup;
 use crate::base::ids::BlockId;
 use std::collections::BTreeMap;
+use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Weak};
 use std::time::Duration;
 
@@ -57,6 +58,8 @@ pub(super) struct Shared {
     /// Bytes of blocks that were read so far.
     pub come: AtomicU64,
     pub wakeup: Wakeup,
+    /// See [`Residency::set_stepped`].
+    pub is_stepped: AtomicBool,
 }
 
 /// The data behind the mutex.
@@ -132,7 +135,14 @@ impl Residency {
             pressure: AtomicU32::new(1f32.to_bits()),
             come: AtomicU64::new(0),
             wakeup: Wakeup::default(),
+            is_stepped: AtomicBool::new(false),
         }))
+    }
+
+    /// Tells that threads of the host do all work: while one of them waits, no pass ends. Calls then do not wait for
+    /// memory that passes hold.
+    pub fn set_stepped(&self) {
+        self.0.is_stepped.store(true, Relaxed);
     }
 
     /// Creates a residency with a budget in bytes that reads only requested blocks.

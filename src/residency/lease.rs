@@ -154,7 +154,9 @@ impl Lease {
         let Some(held) = self.held.get(&model.inner.key) else { return Ok(shared) };
         let changes: Vec<_> = held.iter().map(|(id, slot)| (*id, Some(slot.clone()))).collect();
         let with = shared.changed(changes, Some(&self.shared.reserve.account));
-        with.map(Arc::new).ok_or_else(|| self.no_room(&model.inner, 0))
+        // The pages take a share of the reserve only.
+        let bytes = || held.len() as u64 * PAGE_BYTES * WORKING_SHARE;
+        with.map(Arc::new).ok_or_else(|| self.no_room(&model.inner, bytes()))
     }
 
     /// Moves those of `left` that are in memory, or that leases have left, to the held blocks.

@@ -48,7 +48,7 @@ pub use self::core::{Residency, ResidencyOptions};
 pub use admit::{Admission, Needs};
 pub use blocks::{BlockClass, Decoder, ModelBlocks, ModelKey};
 pub use bring::Held;
-pub use kept::Kept;
+pub use kept::{Kept, UNCOUNTED, counted};
 pub use lease::Lease;
 pub use links::{Entries, MOST_NODES, Reference, Statements};
 pub use pump::Fetchers;

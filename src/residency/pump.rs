@@ -11,6 +11,7 @@ use super::rank::can_be_had;
 use crate::base::error::{Error, Result};
 use crate::base::ids::BlockId;
 use crate::base::progress::Cancel;
+use crate::base::threads;
 use std::sync::atomic::Ordering::Relaxed;
 use std::sync::{Arc, Weak};
 use std::thread::JoinHandle;
@@ -108,8 +109,7 @@ impl Residency {
         let mut fetchers = Fetchers { shared: Arc::downgrade(self.shared()), threads: Vec::new() };
         for i in 0..threads {
             let shared = Arc::clone(self.shared());
-            let thread = std::thread::Builder::new()
-                .name(format!("outcrop fetch {i}"))
+            let thread = threads::named(format!("outcrop fetch {i}"))
                 .spawn(move || shared.fetch_until_stopped())
                 .map_err(|e| Error::io("fetcher thread", "start", e))?;
             fetchers.threads.push(thread);

@@ -8,7 +8,7 @@ use crate::base::working::WorkingMemory;
 use crate::residency::{Fetchers, Residency, ResidencyOptions};
 use crate::simd::{DenormalsOff, Isa};
 use std::any::Any;
-use std::sync::atomic::{AtomicBool, Ordering::SeqCst};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::SeqCst};
 use std::sync::{Arc, Weak};
 
 /// The importance of a log line.
@@ -79,6 +79,8 @@ struct Inner {
     isa: Isa,
     /// Working memory of ended batches, for reuse.
     scratch: WorkingMemory,
+    /// Bytes of working memory of rays, in batches, that wait for blocks.
+    waiting: Arc<AtomicU64>,
 }
 
 impl Context {
@@ -94,15 +96,20 @@ impl Context {
             threads::check(options.threads, "threads")?;
         }
         let budget = budget_of(options.memory_budget, machine_memory())?;
+        let is_stepped = options.threads == 0 && options.executor.is_none();
         let pool = Pool::new(options.threads, options.executor, without_denormals)?;
         let residency = Residency::new(ResidencyOptions { budget, promote: options.read_ahead });
         let fetchers = (pool.threads() > 0).then(|| residency.start(FETCHERS)).transpose()?;
         let has_fetchers = fetchers.is_some();
+        if is_stepped {
+            residency.set_stepped();
+        }
         let pumping = Arc::new(Pumping::of(&residency));
         // The limit is one more than the workers, or the host's calling threads, that can use working memory at once.
         let workers = threads::processors().max(pool.concurrency());
         let (log, scratch) = (options.log, WorkingMemory::new(workers + 1));
-        let inner = Arc::new(Inner { _fetchers: fetchers, pool, log, residency, pumping, isa, scratch });
+        let waiting = Arc::default();
+        let inner = Arc::new(Inner { _fetchers: fetchers, pool, log, residency, pumping, isa, scratch, waiting });
         if !has_fetchers {
             let weak = Arc::downgrade(&inner);
             inner.residency.set_waker(Some(Arc::new(move || pump_in_pool(&weak))));
@@ -118,6 +125,11 @@ impl Context {
     /// Gives working memory back.
     pub(crate) fn give_scratch(&self, scratch: Box<dyn Any + Send>) {
         self.0.scratch.give(scratch);
+    }
+
+    /// The count of the bytes of working memory of rays, in batches, that wait for blocks.
+    pub(crate) fn waiting(&self) -> Arc<AtomicU64> {
+        Arc::clone(&self.0.waiting)
     }
 
     /// Runs a small piece of waiting work, if any, in the caller's thread. Returns true if there was one. Thread-safe;

@@ -2,7 +2,7 @@
 
 use super::context::Context;
 use super::light::{Background, Light};
-use super::looks::{Look, PartLooks, PartsShown};
+use super::looks::{self, Look, PartLooks, PartsShown};
 use super::model::Model;
 use super::placed::{Placed, check_transform};
 use super::state::{Instance, Placement, SceneState};
@@ -10,7 +10,7 @@ use super::top::TopTree;
 use crate::base::error::{Error, Result};
 use crate::base::memory::room;
 use crate::math::DBounds;
-use crate::residency::Kept;
+use crate::residency::{Kept, UNCOUNTED, counted};
 use arc_swap::{ArcSwap, Guard};
 use glam::DAffine3;
 use std::collections::HashMap;
@@ -40,6 +40,9 @@ struct Draft {
     /// Number of instances that `memory` pays for.
     paid: usize,
     memory: Kept,
+    /// Bytes of looks of parts that were edited since the last commit, and their charge.
+    edited: u64,
+    edits: Kept,
 }
 
 #[derive(Clone)]
@@ -80,6 +83,8 @@ impl Scene {
             plain: Arc::default(),
             paid: 0,
             memory: Kept::default(),
+            edited: 0,
+            edits: Kept::default(),
         };
         Self { context: context.clone(), draft: Mutex::new(draft), committed }
     }
@@ -115,10 +120,14 @@ impl Scene {
 
     /// Removes an instance; fails with `BadArgument` if there is none. Cheap.
     pub fn remove_instance(&self, id: u64) -> Result<()> {
-        let mut draft = self.draft();
-        let at = draft.index.remove(&id).ok_or_else(|| no_instance(id))?;
-        draft.instances[at] = None;
-        draft.moved = true;
+        // The last reference of a model closes its source: functions of the host are called without the lock.
+        let removed = {
+            let mut draft = self.draft();
+            let at = draft.index.remove(&id).ok_or_else(|| no_instance(id))?;
+            draft.moved = true;
+            draft.instances[at].take()
+        };
+        drop(removed);
         Ok(())
     }
 
@@ -159,7 +168,8 @@ impl Scene {
     /// failure no look has changed.
     pub fn set_parts_look(&self, instance: u64, parts: &[u64], scope: Scope, look: Look) -> Result<()> {
         check_look(&look)?;
-        self.edit_looks(instance, parts, scope, !look.visible, |looks, chosen, _| {
+        let needs = [!look.visible, look.colour.is_some() || look.selected];
+        self.edit_looks(instance, parts, scope, needs, |looks, chosen, _| {
             chosen.for_each(|part| looks.set(part, look));
         })
     }
@@ -167,18 +177,19 @@ impl Scene {
     /// Hides all parts of an instance but `parts`, which are shown. Colours and highlights stay. Fails like
     /// [`Scene::set_parts_look`].
     pub fn isolate_parts(&self, instance: u64, parts: &[u64], scope: Scope) -> Result<()> {
-        self.edit_looks(instance, parts, scope, true, |looks, chosen, count| {
+        self.edit_looks(instance, parts, scope, [true, false], |looks, chosen, count| {
             looks.isolate(count, chosen);
         })
     }
 
     /// Passes the looks of an instance's parts, and the indices of those that `parts` and `scope` choose, to `edit`.
+    /// `hides`: parts may be hidden; `colours`: they may get a colour or a highlight.
     fn edit_looks(
         &self,
         instance: u64,
         parts: &[u64],
         scope: Scope,
-        hides: bool,
+        [hides, colours]: [bool; 2],
         edit: impl FnOnce(&mut PartLooks, &mut dyn Iterator<Item = u32>, u32),
     ) -> Result<()> {
         let model = self.draft().instance(instance)?.model.clone();
@@ -191,7 +202,12 @@ impl Scene {
         if !draftee.model.same(&model) {
             return Err(Error::BadState(format!("the model of instance {instance} was exchanged meanwhile")));
         }
-        edit(Arc::make_mut(&mut draftee.parts), &mut chosen.into_iter(), model.parts().len() as u32);
+        let count = model.parts().len();
+        let copied = if draftee.has_new_looks() { 0 } else { draftee.parts.bytes() };
+        let more = copied + draftee.parts.growth(&chosen, count, colours);
+        draft.pay_for_edit(&self.context, more)?;
+        let draftee = draft.instance(instance)?;
+        edit(Arc::make_mut(&mut draftee.parts), &mut chosen.into_iter(), count as u32);
         Ok(())
     }
 
@@ -220,10 +236,11 @@ impl Scene {
         }
         let mut draft = self.draft();
         let plain = Arc::clone(&draft.plain.looks);
-        let draftee = draft.instance(instance)?;
-        if !Arc::ptr_eq(&draftee.parts, &old) {
+        if !Arc::ptr_eq(&draft.instance(instance)?.parts, &old) {
             return Err(Error::BadState(format!("the looks of instance {instance} were edited meanwhile")));
         }
+        draft.pay_for_edit(&self.context, looks.bytes())?;
+        let draftee = draft.instance(instance)?;
         draftee.parts = if looks.is_empty() { plain } else { Arc::new(looks) };
         draftee.model = model.clone();
         draft.moved = true;
@@ -251,21 +268,49 @@ impl Scene {
     /// Fails with `BadArgument` if there are more than 2³¹ placed trees, and with `OverBudget` if the budget has no
     /// room for the placed trees, or for the looks of parts. Jobs then see the state before.
     pub fn commit(&self) -> Result<()> {
-        let mut draft = self.draft();
-        let draft = &mut *draft;
-        draft.instances.retain(Option::is_some);
-        // Before anything can fail.
-        draft.index = draft.instances.iter().flatten().enumerate().map(|(i, it)| (it.id, i)).collect();
-        // Blocks are searched anew only where looks of parts have changed.
-        for it in draft.instances.iter_mut().flatten() {
-            if !Arc::ptr_eq(&it.parts, &it.shown.looks) {
-                it.shown = Arc::new(PartsShown::of(&it.model, &it.parts)?);
+        // Dropped without the lock, as in `remove_instance`.
+        let before = self.commit_draft(&mut self.draft())?;
+        drop(before);
+        Ok(())
+    }
+
+    /// Commits the draft; returns the state before.
+    fn commit_draft(&self, draft: &mut Draft) -> Result<Arc<SceneState>> {
+        // The looks are charged with what walks need to know of them.
+        draft.edits = Kept::default();
+        match self.next_state(draft) {
+            Ok(state) => {
+                (draft.moved, draft.edited) = (false, 0);
+                Ok(self.committed.swap(Arc::new(state)))
+            }
+            Err(error) => {
+                // There may be no room any more.
+                let _ = draft.pay_for_edit(&self.context, 0);
+                Err(error)
             }
         }
-        let kept = || draft.instances.iter().flatten();
+    }
+
+    fn next_state(&self, draft: &mut Draft) -> Result<SceneState> {
+        draft.close_gaps();
+        let bytes = (draft.instances.len() * size_of::<Instance>()) as u64;
+        let placing = if draft.moved { Placing::of(draft.draftees())? } else { Placing::default() };
+        let of_looks = |it: &Draftee| {
+            if it.has_new_looks() { PartsShown::bytes(&it.model, &it.parts) } else { it.shown.took }
+        };
+        // Only little memory is not counted.
+        let counts = draft.draftees().map(of_looks).sum::<u64>() > UNCOUNTED;
+        // The sum of all, so that the error names a budget that suffices for the whole commit.
+        let new_looks: u64 = draft.draftees().filter(|it| counts && it.has_new_looks()).map(of_looks).sum();
+        let needs = new_looks + counted(bytes) + counted(placing.bytes(draft.instances.len()));
+        self.context.residency().check_room("a scene", needs)?;
+        // Blocks are searched anew only where looks of parts have changed.
+        for it in draft.instances.iter_mut().flatten().filter(|it| it.has_new_looks()) {
+            it.shown = Arc::new(PartsShown::of(&it.model, &it.parts, counts)?);
+        }
+        let kept = || draft.draftees();
         let mut models: Vec<Model> = Vec::new();
-        let bytes = draft.instances.len() * size_of::<Instance>();
-        let memory = self.context.residency().keep("the instances of a scene", bytes as u64)?;
+        let memory = self.context.residency().keep("the instances of a scene", bytes)?;
         let mut instances = room(draft.instances.len(), "the instances of a scene")?;
         for it in kept() {
             let known = models.iter().position(|m| m.same(&it.model));
@@ -278,14 +323,14 @@ impl Scene {
             instances.push(Instance { id, model, world_from_model, mask, look, parts });
         }
         let placement = if draft.moved {
-            Arc::new(place(&self.context, kept(), &instances)?)
+            Arc::new(placing.place(&self.context, kept(), &instances)?)
         } else {
             Arc::clone(&self.committed.load().placement)
         };
         let see_through = models.iter().any(Model::see_through)
             || instances.iter().any(|i| i.look.see_through() || i.parts.looks.see_through());
         let hides_parts = instances.iter().any(|i| !i.parts.trees.is_empty());
-        self.committed.store(Arc::new(SceneState {
+        Ok(SceneState {
             see_through,
             hides_parts,
             context: self.context.clone(),
@@ -295,9 +340,7 @@ impl Scene {
             lights: draft.lights.clone(),
             background: draft.background,
             _memory: memory,
-        }));
-        draft.moved = false;
-        Ok(())
+        })
     }
 
     /// The state of the last commit (an empty scene before the first). Cheap.
@@ -316,7 +359,29 @@ impl Scene {
     }
 }
 
+impl Draftee {
+    /// True if looks of parts were edited since the last commit.
+    fn has_new_looks(&self) -> bool {
+        !Arc::ptr_eq(&self.parts, &self.shown.looks)
+    }
+}
+
 impl Draft {
+    fn draftees(&self) -> impl Iterator<Item = &Draftee> + Clone {
+        self.instances.iter().flatten()
+    }
+
+    /// Removes the gaps that removed instances left.
+    fn close_gaps(&mut self) {
+        if self.instances.len() == self.index.len() {
+            return;
+        }
+        self.instances.retain(Option::is_some);
+        // The index keeps the memory that is paid for.
+        self.index.clear();
+        self.index.extend(self.instances.iter().flatten().enumerate().map(|(i, instance)| (instance.id, i)));
+    }
+
     /// Charges the memory of another instance to the budget, for twice as many at a time.
     fn pay_for_another(&mut self, context: &Context) -> Result<()> {
         if self.instances.len() < self.paid {
@@ -330,6 +395,13 @@ impl Draft {
         self.instances.try_reserve_exact(more - self.instances.len()).map_err(no_memory)?;
         self.index.try_reserve(more - self.index.len()).map_err(no_memory)?;
         (self.paid, self.memory) = (more, memory);
+        Ok(())
+    }
+
+    /// Charges `more` bytes of edited looks to the budget.
+    fn pay_for_edit(&mut self, context: &Context, more: u64) -> Result<()> {
+        self.edits.grow_to(context.residency(), looks::WHAT, self.edited + more)?;
+        self.edited += more;
         Ok(())
     }
 
@@ -380,30 +452,56 @@ fn check_look(state: &Look) -> Result<()> {
     }
 }
 
-/// Flattens instances and their models' own assemblies, and builds the top tree over them.
-fn place<'a>(
-    context: &Context,
-    draftees: impl Iterator<Item = &'a Draftee> + Clone,
-    instances: &[Instance],
-) -> Result<Placement> {
-    let count: usize = draftees.clone().map(|draftee| draftee.model.placements().count()).sum();
-    if count >= 1 << 31 {
-        return Err(Error::bad_argument("a scene must have fewer than 2^31 placed trees"));
-    }
-    let what = "the placed trees of a scene";
-    let each = size_of::<Placed>() + size_of::<DBounds>() + TopTree::BYTES_EACH;
-    let memory = context.residency().keep(what, (count * each + 4 * instances.len()) as u64)?;
-    let (mut placed, mut hits, mut firsts) = (room(count, what)?, room(count, what)?, room(instances.len(), what)?);
-    for (i, (draftee, instance)) in draftees.zip(instances).enumerate() {
-        firsts.push(placed.len() as u32);
-        let trees = draftee.model.trees();
-        for (tree, first_part, model_from_mesh) in draftee.model.placements() {
-            let ids = [instance.model, tree, i as u32, first_part];
-            let it = Placed::new(&trees[tree as usize], ids, &(draftee.world_from_model * model_from_mesh));
-            hits.push(it.hit_bounds(&trees[tree as usize]));
-            placed.push(it);
+/// The trees to be placed: those of the instances' models and of these models' own assemblies.
+#[derive(Default)]
+struct Placing {
+    /// Number of trees.
+    count: usize,
+}
+
+impl Placing {
+    /// Bytes of a placed tree.
+    const BYTES_EACH: usize = size_of::<Placed>() + size_of::<DBounds>() + TopTree::BYTES_EACH;
+
+    /// Counts the trees.
+    fn of<'a>(draftees: impl Iterator<Item = &'a Draftee>) -> Result<Self> {
+        let count: usize = draftees.map(|draftee| draftee.model.placements().count()).sum();
+        if count >= 1 << 31 {
+            return Err(Error::bad_argument("a scene must have fewer than 2^31 placed trees"));
         }
+        Ok(Self { count })
     }
-    let around = placed.iter().fold(DBounds::EMPTY, |all, p| all.union(p.bounds));
-    Ok(Placement { bounds: around, top: TopTree::build(&hits), placed, firsts, _memory: memory })
+
+    /// Bytes of memory for the trees of so many instances.
+    fn bytes(&self, instances: usize) -> u64 {
+        if self.count == 0 { 0 } else { (self.count * Self::BYTES_EACH + size_of::<u32>() * instances) as u64 }
+    }
+
+    /// Places the trees, and builds the top tree over them.
+    fn place<'a>(
+        &self,
+        context: &Context,
+        draftees: impl Iterator<Item = &'a Draftee>,
+        instances: &[Instance],
+    ) -> Result<Placement> {
+        let (what, count) = ("the placed trees of a scene", self.count);
+        let mut memory = context.residency().keep(what, self.bytes(instances.len()))?;
+        let (mut placed, mut hits, mut firsts) = (room(count, what)?, room(count, what)?, room(instances.len(), what)?);
+        for (i, (draftee, instance)) in draftees.zip(instances).enumerate() {
+            firsts.push(placed.len() as u32);
+            let trees = draftee.model.trees();
+            for (tree, first_part, model_from_mesh) in draftee.model.placements() {
+                let ids = [instance.model, tree, i as u32, first_part];
+                let it = Placed::new(&trees[tree as usize], ids, &(draftee.world_from_model * model_from_mesh));
+                hits.push(it.hit_bounds(&trees[tree as usize]));
+                placed.push(it);
+            }
+        }
+        let around = placed.iter().fold(DBounds::EMPTY, |all, p| all.union(p.bounds));
+        let top = TopTree::build(&hits)?;
+        drop(hits);
+        // The boxes are needed for the tree only.
+        memory.shrink_to(self.bytes(instances.len()) - (count * size_of::<DBounds>()) as u64);
+        Ok(Placement { bounds: around, top, placed, firsts, _memory: memory })
+    }
 }

@@ -9,6 +9,9 @@ use crate::structure::{ShownBlock, ShownBlocks};
 use std::collections::HashMap;
 use std::sync::Arc;
 
+/// The memory of looks, for messages.
+pub(super) const WHAT: &str = "the looks of parts";
+
 /// The look of an instance or of a part of it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Look {
@@ -106,9 +109,18 @@ impl PartLooks {
     }
 
     /// Bytes of memory.
-    fn bytes(&self) -> u64 {
-        let of_entry = size_of::<(u32, Look)>() + 1;
-        (8 * self.hidden.capacity() + 2 * of_entry * self.coloured.len()) as u64
+    pub fn bytes(&self) -> u64 {
+        (8 * self.hidden.capacity() + Self::ENTRY * self.coloured.len()) as u64
+    }
+
+    /// Bytes of an entry of `coloured`, whose table may be half empty.
+    const ENTRY: usize = 2 * (size_of::<(u32, Look)>() + 1);
+
+    /// Greatest number of bytes that an edit of `parts`, of `count` in all, adds. `colours`: they get looks with a
+    /// colour or a highlight.
+    pub fn growth(&self, parts: &[u32], count: usize, colours: bool) -> u64 {
+        let new = if colours { parts.iter().filter(|part| !self.coloured.contains_key(part)).count() } else { 0 };
+        (8 * count.div_ceil(64).saturating_sub(self.hidden.capacity()) + Self::ENTRY * new) as u64
     }
 }
 
@@ -123,31 +135,35 @@ pub(crate) struct PartsShown {
     visible_bits: u32,
     /// For each placed tree of the instance; empty if no part is hidden.
     pub trees: Box<[ShownBlocks]>,
+    /// Bytes of its memory.
+    pub took: u64,
     _memory: Kept,
 }
 
 impl PartsShown {
     /// Finds the blocks that are needed under `looks`. The model's sets of parts must have been read if parts are
-    /// hidden. Fails with `OverBudget`.
-    pub fn of(model: &Model, looks: &Arc<PartLooks>) -> Result<Self> {
+    /// hidden. `counts`: the memory counts even if it is little. Fails with `OverBudget`.
+    pub fn of(model: &Model, looks: &Arc<PartLooks>, counts: bool) -> Result<Self> {
         let looks = Arc::clone(looks);
         let sets = if looks.hidden.is_empty() { None } else { Some(model.part_sets()?) };
-        let rows = model.blocks().file().trees();
-        let placed: Vec<_> =
-            model.placements().map(|(tree, first_part, _)| (&rows[tree as usize], first_part)).collect();
-        let bytes_of = |blocks| (size_of::<ShownBlocks>() + blocks as usize * size_of::<ShownBlock>()) as u64;
-        let blocks: u64 =
-            if sets.is_some() { placed.iter().map(|(row, _)| bytes_of(row.block_count)).sum() } else { 0 };
-        let memory = model.context().residency().keep("the looks of parts", looks.bytes() + blocks)?;
-        let trees =
-            sets.iter().flat_map(|sets| placed.iter().map(|(row, first)| shown_blocks(&looks, row, *first, sets)));
-        let trees = trees.collect();
-        let all = 0..model.parts().len() as u32;
-        let (hidden, visible): (Vec<u32>, Vec<u32>) = all.partition(|&part| looks.hides(part));
-        let [hidden_bits, visible_bits] =
-            [hidden, visible].map(|parts| parts.iter().fold(0, |all, &p| all | summary_bit(p)));
+        let took = Self::bytes(model, &looks);
+        let memory = if counts { model.context().residency().keep_all(WHAT, took)? } else { Kept::default() };
+        let of_trees = |sets| placed(model).map(|(row, first)| shown_blocks(&looks, row, first, sets)).collect();
+        let trees: Box<[ShownBlocks]> = sets.as_ref().map(|sets| of_trees(sets)).unwrap_or_default();
+        let (mut hidden_bits, mut visible_bits) = (0, 0);
+        for part in 0..model.parts().len() as u32 {
+            *(if looks.hides(part) { &mut hidden_bits } else { &mut visible_bits }) |= summary_bit(part);
+        }
         let touched = looks.coloured.keys().fold(hidden_bits, |all, &p| all | summary_bit(p));
-        Ok(Self { looks, touched, hidden_bits, visible_bits, trees, _memory: memory })
+        Ok(Self { looks, touched, hidden_bits, visible_bits, trees, took, _memory: memory })
+    }
+
+    /// Bytes of memory that [`PartsShown::of`] takes, those of the looks included.
+    pub fn bytes(model: &Model, looks: &PartLooks) -> u64 {
+        let of_tree =
+            |row: &TreeRow| (row.block_count as usize * size_of::<ShownBlock>() + size_of::<ShownBlocks>()) as u64;
+        let trees = if looks.hidden.is_empty() { 0 } else { placed(model).map(|(row, _)| of_tree(row)).sum() };
+        size_of::<Self>() as u64 + looks.bytes() + trees
     }
 
     /// The bits of the parts that are hidden or look different from the file, for a mesh with the local part 0 at
@@ -165,6 +181,12 @@ impl PartsShown {
     pub fn visible_bits(&self, first_part: u32) -> u32 {
         self.visible_bits.rotate_right(first_part % 32)
     }
+}
+
+/// Returns the rows of the trees of a model's placements, with the parts that are their local parts 0.
+fn placed(model: &Model) -> impl Iterator<Item = (&TreeRow, u32)> {
+    let rows = model.blocks().file().trees();
+    model.placements().map(|(tree, first_part, _)| (&rows[tree as usize], first_part))
 }
 
 /// Returns the visible parts in and below each block of a tree whose local part 0 is `first_part`.

@@ -332,8 +332,10 @@ impl Model {
         refuse_inside_read()?;
         // The lock is not held meanwhile: a source of the host may call the library.
         let file = self.0.blocks.file();
-        let memory = self.0.context.residency().keep("the parts of blocks", file.part_sets_memory())?;
-        let sets = Arc::new(KeptSets { sets: file.part_sets()?, _memory: memory });
+        let mut memory = self.0.context.residency().keep("the parts of blocks", file.part_sets_memory())?;
+        let sets = file.part_sets()?;
+        memory.shrink_to(sets.memory());
+        let sets = Arc::new(KeptSets { sets, _memory: memory });
         Ok(Arc::clone(held().get_or_insert(sets)))
     }
 

@@ -1,5 +1,7 @@
 //! The top-level tree: a binary BVH over the bounds of placed trees, in double precision.
 
+use crate::base::error::Result;
+use crate::base::memory::room;
 use crate::math::DBounds;
 
 /// A child of a node: an inner node or, if the top bit is set, a placed tree.
@@ -56,12 +58,15 @@ impl TopTree {
     pub const BYTES_EACH: usize = size_of::<Node>() + size_of::<u32>();
 
     /// Builds the tree over `bounds`, index by index, and leaves out empty ones. The same input gives the same tree.
-    pub fn build(bounds: &[DBounds]) -> Self {
-        let mut order: Vec<u32> = (0..bounds.len() as u32).filter(|&i| !bounds[i as usize].is_empty()).collect();
+    /// Fails with `NoMemory`.
+    pub fn build(bounds: &[DBounds]) -> Result<Self> {
+        let what = "the tree over the placed trees of a scene";
+        let mut order: Vec<u32> = room(bounds.len(), what)?;
+        order.extend((0..bounds.len() as u32).filter(|&i| !bounds[i as usize].is_empty()));
         let around = order.iter().fold(DBounds::EMPTY, |all, &i| all.union(bounds[i as usize]));
-        let mut tree = Self { around, ..Self::default() };
+        let mut tree = Self { around, nodes: room(order.len().saturating_sub(1), what)?, ..Self::default() };
         if order.is_empty() {
-            return tree;
+            return Ok(tree);
         }
         // The loop replaces a recursion as deep as the tree.
         let mut todo = vec![(0, order.len(), None::<(usize, usize)>, 1)];
@@ -87,7 +92,7 @@ impl TopTree {
                 None => tree.root = Some(reference),
             }
         }
-        tree
+        Ok(tree)
     }
 
     /// Bounds of all that the tree was built over.
@@ -211,7 +216,7 @@ mod tests {
     #[test]
     fn every_box_that_a_ray_meets_is_a_leaf_it_reaches() {
         let boxes = grid(200);
-        let tree = TopTree::build(&boxes);
+        let tree = TopTree::build(&boxes).unwrap();
         assert!(tree.depth < 24);
         // Directions are axis-parallel, in planes of boxes, and diagonal; origins lie on the grid of the boxes.
         for (i, dir) in
@@ -243,8 +248,8 @@ mod tests {
     #[test]
     fn coincident_boxes_still_make_a_tree() {
         let boxes = vec![DBounds { min: DVec3::ZERO, max: DVec3::ONE }; 1000];
-        let tree = TopTree::build(&boxes);
+        let tree = TopTree::build(&boxes).unwrap();
         assert!(tree.depth <= 12, "halved where nothing tells them apart: depth {}", tree.depth);
-        assert!(TopTree::build(&[DBounds::EMPTY]).root().is_none());
+        assert!(TopTree::build(&[DBounds::EMPTY]).unwrap().root().is_none());
     }
 }

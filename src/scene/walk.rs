@@ -239,6 +239,17 @@ impl SceneWalk {
         }
     }
 
+    /// Gives back memory that the walk does not need now, because it is going to wait.
+    pub fn fit(&mut self) {
+        self.places.shrink_to_fit();
+        self.tree.fit();
+    }
+
+    /// Bytes of memory in addition to the walk itself.
+    pub fn bytes(&self) -> u64 {
+        (self.places.capacity() * size_of::<Place>()) as u64 + self.tree.bytes()
+    }
+
     /// The best hit so far.
     pub fn best(&self) -> Found {
         self.best.unwrap_or(Found::nothing(0.0))

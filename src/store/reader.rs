@@ -128,7 +128,7 @@ impl ModelFile {
         self.header.has_colours.then(|| BlockId(2 * self.header.geometry_blocks + id.0))
     }
 
-    /// Greatest number of bytes that [`ModelFile::part_sets`] takes while it reads; half of them stay.
+    /// Greatest number of bytes that [`ModelFile::part_sets`] takes while it reads. [`PartSets::memory`] of them stay.
     pub fn part_sets_memory(&self) -> u64 {
         2 * self.part_sets.len
     }

@@ -28,6 +28,11 @@ impl Descent {
         Self { left: tree.root().into_iter().collect() }
     }
 
+    /// Bytes of memory in addition to the visit itself.
+    pub fn bytes(&self) -> u64 {
+        (self.left.capacity() * size_of::<Place>()) as u64
+    }
+
     /// Returns the blocks that the visit waits for; a block may occur several times. If there are none, the visit has
     /// ended.
     pub fn missing(&self) -> impl Iterator<Item = BlockId> {

@@ -46,6 +46,16 @@ impl Walk {
         self.put_at_root(tree, ray);
     }
 
+    /// Gives back memory that the walk does not need now.
+    pub fn fit(&mut self) {
+        self.stack.shrink_to_fit();
+    }
+
+    /// Bytes of memory in addition to the walk itself.
+    pub fn bytes(&self) -> u64 {
+        (self.stack.capacity() * size_of::<Entry>()) as u64
+    }
+
     /// The best hit so far; [`TriHit::is_hit`] is true if there is one.
     #[inline]
     pub fn best(&self) -> TriHit {

@@ -220,10 +220,10 @@ fn again(c: &mut Content, block: usize, copies: usize) {
     for tree in &mut c.trees {
         let first = tree.first_block as usize;
         if first > block {
-            tree.first_block += copies as u32;
+            tree.first_block = tree.first_block.wrapping_add(copies as u32);
         } else if block < first + tree.block_count as usize {
-            tree.block_count += copies as u32;
-            tree.class_blocks[0] += copies as u32;
+            tree.block_count = tree.block_count.wrapping_add(copies as u32);
+            tree.class_blocks[0] = tree.class_blocks[0].wrapping_add(copies as u32);
         }
     }
 }
@@ -314,7 +314,7 @@ fn u64_at(bytes: &[u8], at: usize) -> Option<u64> {
 /// block, and corrects the checksums.
 fn patch(bytes: &mut [u8], u: &mut Unstructured) -> Result<()> {
     let table = u64_at(bytes, 24).unwrap_or(0) as usize;
-    let section = |row: usize, member: usize| u64_at(bytes, table + ROW_LEN * row + member).unwrap_or(0) as usize;
+    let section = |row: usize, member: usize| u64_at(bytes, table.saturating_add(ROW_LEN * row + member)).unwrap_or(0) as usize;
     let (start, len) = match u.int_in_range(0..=5)? {
         0 => (8, 240),
         1 => (section(0, 16), section(0, 24)),
