@@ -101,6 +101,12 @@ impl Error {
         Error::BadArgument(what.into())
     }
 
+    /// True if no part of the work can be left out because of this error: the work was cancelled, or the system has no
+    /// memory, so that another run would have another result.
+    pub fn ends_work(&self) -> bool {
+        matches!(self, Error::Cancelled | Error::NoMemory { .. })
+    }
+
     /// An [`Error::Io`] for `path`.
     pub fn io(path: impl AsRef<Path>, doing: &'static str, source: std::io::Error) -> Self {
         Error::Io { path: path.as_ref().to_path_buf(), doing, source }

@@ -206,10 +206,10 @@ fn uses_of_alpha_are_made_from_one_picture() {
         (Alpha::cut(1.01), 0.0),
         (Alpha::cut(f32::NAN), 0.0),
     ] {
-        assert_eq!(Texture::of(&picture, alpha).opacity(), opacity, "{alpha:?}");
+        assert_eq!(Texture::of(&picture, alpha).unwrap().opacity(), opacity, "{alpha:?}");
     }
     // 76 / 255 is below 0.3, 77 / 255 is not.
     assert_eq!((Alpha::cut(0.3), Alpha::cut(0.0), Alpha::cut(1.0)), (Alpha::Cut(77), Alpha::Cut(0), Alpha::Cut(255)));
-    assert_eq!(Texture::of(&picture, Alpha::cut(0.3)).mean_of_all(), Some([1.0, 0.0, 1.0]));
-    assert_eq!(Texture::of(&picture, Alpha::cut(2.0)).mean_of_all(), None);
+    assert_eq!(Texture::of(&picture, Alpha::cut(0.3)).unwrap().mean_of_all(), Some([1.0, 0.0, 1.0]));
+    assert_eq!(Texture::of(&picture, Alpha::cut(2.0)).unwrap().mean_of_all(), None);
 }

@@ -12,6 +12,9 @@ use crate::base::scratch::Scratch;
 /// Longest side of a reduced picture in texels.
 const MAX_SIDE: u32 = 1024;
 
+/// Use of the memory of texels, in errors.
+pub(super) const TEXELS: &str = "a texture";
+
 /// A reduced picture.
 pub(crate) struct Picture {
     pub(crate) width: u32,
@@ -43,7 +46,8 @@ impl Picture {
 
     /// Returns the picture with its texels, which were moved to a scratch file.
     pub(crate) fn read_back(&self, from: &Scratch, place: &Spilled) -> Result<Self> {
-        let (mut weighted, mut plain) = (vec![[0.0; 4]; place.weighted], vec![[0.0; 3]; place.plain]);
+        let mut weighted: Vec<[f32; 4]> = memory::zeroed(place.weighted, TEXELS)?;
+        let mut plain: Vec<[f32; 3]> = memory::zeroed(place.plain, TEXELS)?;
         let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut weighted);
         from.read_at(place.at, bytes)?;
         let behind = place.at + bytes.len() as u64;
@@ -77,9 +81,11 @@ impl Reducer {
     pub(crate) fn new(width: u32, height: u32, flip: bool) -> Result<Self> {
         let step = width.max(height).div_ceil(MAX_SIDE);
         let (columns, rows) = (width.div_ceil(step), height.div_ceil(step));
-        let weighted = memory::zeroed(columns as usize * rows as usize, "a texture")?;
+        let count = columns as usize * rows as usize;
+        // `plain` is filled when the first pixel comes that is not opaque.
+        let (weighted, plain) = (memory::zeroed(count, TEXELS)?, memory::room(count, TEXELS)?);
         let (mean_coded, alphas) = ([0.0; 3], Box::new([0; 256]));
-        let sums = Picture { width: columns, height: rows, weighted, plain: Vec::new(), mean_coded, alphas };
+        let sums = Picture { width: columns, height: rows, weighted, plain, mean_coded, alphas };
         Ok(Self { pixels: (width, height), step, flip, sum_coded: [0; 3], sums })
     }
 
@@ -135,6 +141,9 @@ impl Reducer {
             if let Some(plain) = self.sums.plain.get_mut(at) {
                 *plain = plain.map(|c| c / count);
             }
+        }
+        if self.sums.plain.is_empty() {
+            self.sums.plain = Vec::new();
         }
         let all = f64::from(width) * f64::from(height);
         self.sums.mean_coded = self.sum_coded.map(|sum| (sum as f64 / (255.0 * all)) as f32);

@@ -110,7 +110,7 @@ impl Pictures {
         let left = Cell::new(most.saturating_sub(self.pixels));
         let picture = Decoding { limit, flip: self.flip, pixels: &left, cancel }.decode(bytes);
         self.pixels = most.saturating_sub(left.get());
-        if !matches!(picture, Err(Fault::Failed(Error::Cancelled))) {
+        if !matches!(&picture, Err(Fault::Failed(error)) if error.ends_work()) {
             self.known.insert(hash, picture.is_ok().then_some(self.all.len()));
         }
         let picture = picture?;
@@ -129,8 +129,8 @@ impl Pictures {
             return Ok(texture);
         }
         let texture = match (&self.all[id], &self.file) {
-            ((picture, None), _) => Texture::of(picture, alpha),
-            ((picture, Some(place)), Some(file)) => Texture::of(&picture.read_back(file, place)?, alpha),
+            ((picture, None), _) => Texture::of(picture, alpha)?,
+            ((picture, Some(place)), Some(file)) => Texture::of(&picture.read_back(file, place)?, alpha)?,
             _ => return Err(Error::Internal("the temporary file of pictures is missing".into())),
         };
         let texture = Rc::new(texture);

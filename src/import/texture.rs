@@ -6,7 +6,9 @@
 //! the point's share of the triangle. Small triangles therefore read their few texels, large ones cover all of theirs,
 //! and both cost the same.
 
-use super::picture::Picture;
+use super::picture::{Picture, TEXELS};
+use crate::base::error::Result;
+use crate::base::memory;
 use glam::Vec2;
 
 /// Number of points along an edge of the pattern.
@@ -83,8 +85,8 @@ impl Mapping {
 }
 
 impl Texture {
-    /// Creates a texture from a picture.
-    pub(crate) fn of(picture: &Picture, alpha: Alpha) -> Self {
+    /// Creates a texture from a picture. Fails with `NoMemory`.
+    pub(crate) fn of(picture: &Picture, alpha: Alpha) -> Result<Self> {
         let texel = |i: usize| {
             let [r, g, b, mean_alpha] = picture.weighted[i];
             match alpha {
@@ -100,18 +102,21 @@ impl Texture {
                 Alpha::Cut(_) => [0.0; 4],
             }
         };
-        let texels = (0..picture.weighted.len()).map(texel).collect();
-        let mut levels = vec![Level { width: picture.width, height: picture.height, texels }];
-        while let Some(coarser) = levels.last().and_then(Level::halved) {
-            levels.push(coarser);
+        let mut texels = memory::room(picture.weighted.len(), TEXELS)?;
+        texels.extend((0..picture.weighted.len()).map(texel));
+        let mut last = Level { width: picture.width, height: picture.height, texels };
+        let mut levels = Vec::new();
+        while let Some(coarser) = last.halved()? {
+            levels.push(std::mem::replace(&mut last, coarser));
         }
+        levels.push(last);
         // The sum over all pixels of a power of their alpha.
         let sum = |power: u32| -> f64 {
             let each = (0..=255u8).zip(picture.alphas.iter());
             each.map(|(a, &n)| n as f64 * f64::from(alpha.of(a)).powi(power as i32)).sum()
         };
         let opacity = (sum(2) / (255.0 * sum(1)).max(1.0)) as f32;
-        Self { levels, mean_coded: picture.mean_coded, opacity }
+        Ok(Self { levels, mean_coded: picture.mean_coded, opacity })
     }
 
     /// Returns the mean of the coded values, for textures that are not colours.
@@ -172,12 +177,12 @@ fn add(sum: &mut [f32; 4], x: [f32; 4]) {
 
 impl Level {
     /// Returns a level of half the size, in which each texel is the mean of up to four; `None` for a single texel.
-    fn halved(&self) -> Option<Level> {
+    fn halved(&self) -> Result<Option<Level>> {
         if self.width == 1 && self.height == 1 {
-            return None;
+            return Ok(None);
         }
         let (width, height) = (self.width.div_ceil(2), self.height.div_ceil(2));
-        let mut texels = Vec::with_capacity(width as usize * height as usize);
+        let mut texels = memory::room(width as usize * height as usize, TEXELS)?;
         for (y, x) in (0..height).flat_map(|y| (0..width).map(move |x| (y, x))) {
             let (mut sum, mut n) = ([0.0; 4], 0.0);
             for y in (2 * y)..(2 * y + 2).min(self.height) {
@@ -188,7 +193,7 @@ impl Level {
             }
             texels.push(sum.map(|s| s / n));
         }
-        Some(Level { width, height, texels })
+        Ok(Some(Level { width, height, texels }))
     }
 
     fn texel(&self, at: Vec2, mapping: &Mapping) -> [f32; 4] {

@@ -137,7 +137,7 @@ impl Materials {
         if !self.images.contains_key(&key) {
             let picture = match image.and_then(|image| self.picture(image, model, buffers, sink.cancel())) {
                 Ok(picture) => picture,
-                Err(Fault::Failed(Error::Cancelled)) => return Err(Error::Cancelled.into()),
+                Err(Fault::Failed(error)) if error.ends_work() => return Err(error.into()),
                 Err(fault) => {
                     let why = fault.at(buffers.path(), Place::File);
                     sink.note(format!("{why} (textures[{index}]); its materials have only their base colour"));

@@ -46,7 +46,7 @@ impl Libraries {
         }
         // The whole line first: it may be one name with spaces.
         match files.open(beside::plain(line), obj, || Ok(beside::candidates(obj, line))) {
-            Err(Error::Cancelled) => return Err(Error::Cancelled),
+            Err(error) if error.ends_work() => return Err(error),
             Err(_) => {}
             whole => return self.try_file(obj, whole, sink),
         }
@@ -59,7 +59,7 @@ impl Libraries {
 
     fn try_file(&mut self, obj: &Path, library: Result<Input>, sink: &mut dyn Sink) -> Result<()> {
         match library.and_then(|input| self.read_file(input, sink)) {
-            Err(Error::Cancelled) => Err(Error::Cancelled),
+            Err(error) if error.ends_work() => Err(error),
             Err(error) => {
                 sink.note(format!("{}: a material library could not be read: {error}", obj.display()));
                 Ok(())

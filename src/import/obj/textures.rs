@@ -97,7 +97,8 @@ impl<'a> Textures<'a> {
         Self { files, pictures, names: HashMap::new(), paths: HashMap::new(), failed: 0, reason: None }
     }
 
-    /// Decodes the picture of a material. Returns `None` if it cannot be used. Fails only if the work was cancelled.
+    /// Decodes the picture of a material. Returns `None` if it cannot be used. Fails only if the work
+    /// was cancelled, or with `NoMemory`.
     pub(crate) fn add(&mut self, map: &Map, cancel: &Cancel) -> Result<Option<(Used, Rc<Texture>)>> {
         // Without an opacity texture in the material the alpha channel has no meaning.
         let alpha = if map.alpha { Alpha::Opacity } else { Alpha::Ignored };
@@ -106,7 +107,7 @@ impl<'a> Textures<'a> {
             Some(known) => *known,
             None => {
                 let picture = match self.picture(map, cancel) {
-                    Err(Error::Cancelled) => return Err(Error::Cancelled),
+                    Err(error) if error.ends_work() => return Err(error),
                     Err(error) => {
                         self.failed += 1;
                         self.reason.get_or_insert(error);

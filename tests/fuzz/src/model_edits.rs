@@ -314,7 +314,8 @@ fn u64_at(bytes: &[u8], at: usize) -> Option<u64> {
 /// block, and corrects the checksums.
 fn patch(bytes: &mut [u8], u: &mut Unstructured) -> Result<()> {
     let table = u64_at(bytes, 24).unwrap_or(0) as usize;
-    let section = |row: usize, member: usize| u64_at(bytes, table.saturating_add(ROW_LEN * row + member)).unwrap_or(0) as usize;
+    let section =
+        |row: usize, member: usize| u64_at(bytes, table.saturating_add(ROW_LEN * row + member)).unwrap_or(0) as usize;
     let (start, len) = match u.int_in_range(0..=5)? {
         0 => (8, 240),
         1 => (section(0, 16), section(0, 24)),

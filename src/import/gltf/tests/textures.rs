@@ -170,7 +170,7 @@ fn texture(width: usize, rgba: &[u8]) -> Texture {
     for (y, row) in pixels.chunks(width).enumerate() {
         reducer.row(y as u32, (0, 1), row.iter().copied());
     }
-    Texture::of(&reducer.finish(), Alpha::Opacity)
+    Texture::of(&reducer.finish(), Alpha::Opacity).unwrap()
 }
 
 fn mapping() -> Mapping {
