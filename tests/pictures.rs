@@ -9,6 +9,7 @@ mod lenses;
 mod oracle_light;
 mod oracle_pictures;
 mod part_budgets;
+mod part_colours;
 mod part_looks;
 mod picture_errors;
 mod picture_perceived;

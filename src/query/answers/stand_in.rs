@@ -105,7 +105,9 @@ impl<const N: usize> StandIns<N> {
         }
         if filter.hides(part) {
             let shown = at.view.scene.shown_blocks(at.number);
-            let visible = tree.wanted(hit).zip(shown).and_then(|(block, shown)| shown.part_in(block));
+            let part_in = |block: u32| shown.and_then(|shown| shown.part_in(block));
+            // Nothing may be known of the missing block alone: its parts are among those of the cell's block.
+            let visible = tree.wanted(hit).and_then(part_in).or_else(|| part_in(hit.block));
             self.cells.part[i] = visible.unwrap_or(u32::MAX);
         }
     }
