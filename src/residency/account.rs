@@ -50,6 +50,11 @@ impl Charge {
         self.bytes -= bytes;
         Self { account: self.account.clone(), bytes }
     }
+
+    /// True if at least half of the account's limit is in use.
+    pub fn is_scarce(&self) -> bool {
+        self.account.as_ref().is_some_and(|account| account.used() >= account.limit() / 2)
+    }
 }
 
 impl Drop for Charge {

@@ -2,7 +2,7 @@
 
 use super::account::Charge;
 use super::admit::Needs;
-use super::core::{Residency, Shared};
+use super::core::{Residency, Shared, State};
 use crate::base::error::{Error, Result};
 use crate::base::progress::Cancel;
 use std::sync::Arc;
@@ -26,19 +26,28 @@ impl Residency {
         if bytes <= UNCOUNTED {
             return Ok(Kept::default());
         }
-        let (shared, have) = (Arc::clone(self.shared()), self.budget());
+        let shared = Arc::clone(self.shared());
         {
             let mut state = shared.lock();
-            let need = state.least_with(&Needs { tables: bytes, ..Needs::default() });
-            if need > have {
-                return Err(Error::OverBudget { what: what.into(), need, have });
-            }
+            self.fits(&state, what, bytes)?;
             state.tables += bytes;
         }
         // From here on the drop of `kept` gives the memory back.
         let mut kept = Kept { charge: Charge::default(), of: Some((Arc::clone(&shared), bytes)) };
         kept.charge = shared.charge_when_free(bytes, bytes, &|| what.into(), &Cancel::new())?;
         Ok(kept)
+    }
+
+    /// Fails with `OverBudget` if the budget is too small for several calls of [`Residency::keep`] with these numbers
+    /// of bytes. The error then names a budget that suffices for all of them, not only for the first.
+    pub fn can_keep(&self, what: &str, bytes: &[u64]) -> Result<()> {
+        let counted = bytes.iter().filter(|&&bytes| bytes > UNCOUNTED).sum();
+        if counted == 0 { Ok(()) } else { self.fits(&self.shared().lock(), what, counted) }
+    }
+
+    fn fits(&self, state: &State, what: &str, bytes: u64) -> Result<()> {
+        let (need, have) = (state.least_with(&Needs { tables: bytes, ..Needs::default() }), self.budget());
+        if need > have { Err(Error::OverBudget { what: what.into(), need, have }) } else { Ok(()) }
     }
 }
 

@@ -263,9 +263,12 @@ impl Scene {
         let kept = || draft.instances.iter().flatten();
         draft.index = kept().enumerate().map(|(i, instance)| (instance.id, i)).collect();
         let mut models: Vec<Model> = Vec::new();
-        let bytes = draft.instances.len() * size_of::<Instance>();
-        let memory = self.context.residency().keep("the instances of a scene", bytes as u64)?;
-        let mut instances = room(draft.instances.len(), "the instances of a scene")?;
+        let what = "the instances of a scene";
+        let bytes = (draft.instances.len() * size_of::<Instance>()) as u64;
+        let trees: usize = if draft.moved { kept().map(|it| it.model.placements().count()).sum() } else { 0 };
+        self.context.residency().can_keep(what, &[bytes, placement_bytes(trees, draft.instances.len())])?;
+        let memory = self.context.residency().keep(what, bytes)?;
+        let mut instances = room(draft.instances.len(), what)?;
         for it in kept() {
             let known = models.iter().position(|m| m.same(&it.model));
             let model = known.unwrap_or_else(|| {
@@ -379,6 +382,12 @@ fn check_look(state: &Look) -> Result<()> {
     }
 }
 
+/// Bytes of a placement of `trees` trees in `instances` instances, while it is made.
+fn placement_bytes(trees: usize, instances: usize) -> u64 {
+    let each = size_of::<Placed>() + size_of::<DBounds>() + TopTree::BYTES_EACH;
+    (trees * each + 4 * instances) as u64
+}
+
 /// Flattens instances and their models' own assemblies, and builds the top tree over them.
 fn place<'a>(
     context: &Context,
@@ -390,8 +399,7 @@ fn place<'a>(
         return Err(Error::bad_argument("a scene must have fewer than 2^31 placed trees"));
     }
     let what = "the placed trees of a scene";
-    let each = size_of::<Placed>() + size_of::<DBounds>() + TopTree::BYTES_EACH;
-    let memory = context.residency().keep(what, (count * each + 4 * instances.len()) as u64)?;
+    let memory = context.residency().keep(what, placement_bytes(count, instances.len()))?;
     let (mut placed, mut hits, mut firsts) = (room(count, what)?, room(count, what)?, room(instances.len(), what)?);
     for (i, (draftee, instance)) in draftees.zip(instances).enumerate() {
         firsts.push(placed.len() as u32);
