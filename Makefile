@@ -2,6 +2,7 @@
 # make test   runs every check
 # make contact-sheet   every mesh of the models folder in one picture, target/contact-sheet.png, and a table
 # make figures  level of detail on 10 and 40 million triangles: first pictures, bytes, times, a flight in 64 MB (as root it empties the file cache)
+# make flights  memory beside the budget over flights in 4 to 256 MiB: 10 million triangles, 300,000 parts, 100,000 instances
 # make bench    speed and accuracy of outcrop, Embree, obvhs and parry3d, in some 25 minutes: target/bench/results.jsonl; FULL=1: all benchmarks, far longer
 # make charts   draws the results into tests/bench/charts; measures the benchmarks that have no result of this version (some 25 minutes for all);
 #               FULL=1: all benchmarks; KEEP=1: uses results of other versions too
@@ -19,7 +20,7 @@ PREFIX := $(CURDIR)/$(BUILD)/prefix
 # Triangles of the demo's airliner.
 TRIANGLES ?= 2000000
 
-.PHONY: help setup test lint unit package examples ctest demo contact-sheet figures bench bench-expect charts fuzz header notices clean
+.PHONY: help setup test lint unit package examples ctest demo contact-sheet figures flights bench bench-expect charts fuzz header notices clean
 
 help:
 	@sed -n 's/^# \(make .*\)/\1/p' Makefile
@@ -60,6 +61,9 @@ contact-sheet: setup
 
 figures: setup
 	$(CARGO) test --locked --release --test pictures -- --ignored --nocapture figures:: --test-threads 1
+
+flights: setup
+	$(CARGO) test --locked --release --test flight_memory -- --ignored --nocapture --exact large_flights
 
 # Peers may choose their vector instructions when they are compiled: they get this machine's. outcrop chooses when it runs.
 BENCH = RUSTFLAGS="-C target-cpu=native" $(CARGO) run --locked --release -p outcrop-bench --

@@ -39,11 +39,12 @@ const TOP_FOLDERS: [&str; 10] =
     ["src", "include", "cmake", "examples_c", "tests", "bindings", ".ci", ".git", "target", "build"];
 
 /// Where `unsafe` may be, and why.
-const UNSAFE: [(&str, &str); 7] = [
+const UNSAFE: [(&str, &str); 8] = [
     ("src/simd/", "vector instructions"),
     ("src/capi/", "pointers from C"),
     ("src/residency/slots.rs", "decoded blocks read while others are written"),
     ("src/residency/huge_pages.rs", "advice to the system on memory"),
+    ("src/residency/pages.rs", "the same"),
     ("src/base/reserve.rs", "an allocator"),
     ("src/base/tasks.rs", "work that borrows from its caller's stack, who waits for it"),
     ("src/base/round_tests.rs", "cells of the model checker"),

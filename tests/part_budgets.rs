@@ -1,8 +1,9 @@
 //! Looks of parts within a budget: hidden parts cost no reads and are never shown, and neither hidden nor coloured
 //! parts make a picture coarser.
 //!
-//! The environment variable OUTCROP_AIRLINER sets the number of triangles, and OUTCROP_BUDGET the bytes of the small
-//! budget, for measurements by hand.
+//! For measurements by hand, environment variables set the number of triangles (OUTCROP_AIRLINER) or the file of a
+//! model that is built already (OUTCROP_AIRLINER_FILE), the bytes of the small budget (OUTCROP_BUDGET), and the number
+//! of rows of the pictures (OUTCROP_ROWS).
 
 use crate::common::frames::LONG;
 use glam::{DAffine3, DVec3};
@@ -20,7 +21,12 @@ use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 
-const SIZE: (u32, u32) = (320, 240);
+/// Width and height of the pictures.
+fn size() -> (u32, u32) {
+    let rows = from_environment("OUTCROP_ROWS", 240) as u32;
+    (rows * 4 / 3, rows)
+}
+
 const HIDDEN: Look = Look { visible: false, colour: None, selected: false };
 
 fn from_environment(name: &str, default: u64) -> u64 {
@@ -89,7 +95,9 @@ pub fn airliner() -> &'static Airliner {
     static BUILT: OnceLock<Airliner> = OnceLock::new();
     BUILT.get_or_init(|| {
         let folder = tempfile::tempdir().expect("a folder");
-        Airliner { path: build(folder.path(), "airliner.oc", &|_| true), folder }
+        let given = std::env::var_os("OUTCROP_AIRLINER_FILE").map(PathBuf::from);
+        let path = given.unwrap_or_else(|| build(folder.path(), "airliner.oc", &|_| true));
+        Airliner { path, folder }
     })
 }
 
@@ -129,7 +137,8 @@ impl Picture {
 
 /// The picture that fits the budget at once.
 fn picture(context: &Context, scene: &Scene, model: &Model, poe: f32) -> Picture {
-    let options = FrameOptions { width: SIZE.0, height: SIZE.1, outputs: Outputs::ALL, ..Default::default() };
+    let (width, height) = size();
+    let options = FrameOptions { width, height, outputs: Outputs::ALL, ..Default::default() };
     let frame = Frame::new(context, options).expect("a frame");
     let settings = FrameSettings { poe, ambient: 1.0, at_once: true, ..FrameSettings::default() };
     scene.set_lights(vec![]).expect("no lights");

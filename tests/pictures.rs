@@ -10,6 +10,7 @@ mod oracle_light;
 mod oracle_pictures;
 mod panes;
 mod part_budgets;
+mod part_colours;
 mod part_looks;
 mod picture_errors;
 mod picture_perceived;

@@ -56,6 +56,11 @@ impl Charge {
         self.bytes += std::mem::take(&mut other.bytes);
         self.account = self.account.take().or(other.account.take());
     }
+
+    /// True if at least half of the account's limit is in use.
+    pub fn is_scarce(&self) -> bool {
+        self.account.as_ref().is_some_and(|account| account.used() >= account.limit() / 2)
+    }
 }
 
 impl Drop for Charge {

@@ -29,6 +29,8 @@ mod lease;
 mod lease_tests;
 mod links;
 mod load;
+#[allow(unsafe_code)] // calls `madvise`
+mod pages;
 mod pressure;
 mod pump;
 mod rank;

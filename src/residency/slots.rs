@@ -1,6 +1,7 @@
 //! Memory for one decoded block, aligned to cache lines.
 
 use super::account::Charge;
+use super::pages;
 use bytemuck::{Pod, Zeroable};
 use std::sync::Arc;
 
@@ -13,10 +14,10 @@ struct Line([u32; 16]);
 /// holder drops it, even if the block is no longer in the latest snapshot.
 #[derive(Debug, Clone)]
 pub struct Slot {
-    // Fields are dropped in this order: memory is free before its charge is returned. `lines` and `_charge` are cloned
+    // Fields are dropped in this order: memory is free before its charge is returned. `lines` and `charge` are cloned
     // and dropped only together, so the last of the one is dropped before the last of the other.
     lines: Arc<[Line]>,
-    _charge: Option<Arc<Charge>>,
+    charge: Option<Arc<Charge>>,
 }
 
 impl Slot {
@@ -27,12 +28,14 @@ impl Slot {
         last.0[..rest.len()].copy_from_slice(rest);
         // The length of the iterator is known, so the lines are written once, in place.
         let lines = whole.iter().map(|words| Line(*words)).chain((!rest.is_empty()).then_some(last)).collect();
-        Self { lines, _charge: None }
+        Self { lines, charge: None }
     }
 
     /// Copies `words`; `charge` pays for the memory.
     pub(super) fn charged(words: &[u32], charge: Charge) -> Self {
-        Self { _charge: Some(Arc::new(charge)), ..Self::new(words) }
+        let mut slot = Self::new(words);
+        slot.charge = Some(Arc::new(charge));
+        slot
     }
 
     /// The words, padded with zeros.
@@ -55,5 +58,19 @@ impl Slot {
     /// Bytes of memory for a slot of `words` words: the lines, and the counters that share them.
     pub fn bytes_for(words: usize) -> u64 {
         ((words.div_ceil(16) + 2) * size_of::<Line>()) as u64
+    }
+}
+
+/// Where memory is scarce, blocks come and go, and no two have the same size: the allocator would keep a quarter of the
+/// budget in holes. So the last holder first returns the whole pages of the block to the system. (If two holders are
+/// dropped at once, neither may find itself the last one: the block is then only freed.)
+impl Drop for Slot {
+    fn drop(&mut self) {
+        if Arc::strong_count(&self.lines) == 1
+            && self.charge.as_ref().is_some_and(|charge| charge.is_scarce())
+            && let Some(lines) = Arc::get_mut(&mut self.lines)
+        {
+            pages::give_back(bytemuck::must_cast_slice_mut(lines));
+        }
     }
 }
