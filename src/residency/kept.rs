@@ -2,7 +2,7 @@
 
 use super::account::Charge;
 use super::admit::Needs;
-use super::core::{Residency, Shared, State};
+use super::core::{Residency, Shared};
 use crate::base::error::{Error, Result};
 use crate::base::progress::Cancel;
 use std::sync::Arc;

@@ -7,7 +7,7 @@ use super::buffers::Buffers;
 use super::model::{AlphaMode, Image, Material, Model, TextureInfo};
 use super::notes::Notes;
 use super::texture::{Alpha, Mapping, Texture, Wrap};
-use crate::base::error::{Error, Place};
+use crate::base::error::Place;
 use crate::base::progress::Cancel;
 use crate::import::colour::unit;
 use crate::import::input::{Fault, Parsed};

@@ -3,7 +3,7 @@
 use super::beside;
 use super::lines::Lines;
 use super::textures::Map;
-use crate::base::error::{Error, Result};
+use crate::base::error::Result;
 use crate::import::access::Files;
 use crate::import::colour::unit;
 use crate::import::ignored::Ignored;
