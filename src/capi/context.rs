@@ -7,6 +7,7 @@ use super::job::{give_job, oc_job};
 use super::status::oc_status;
 use super::version::{OC_HEADER_VERSION, OC_VERSION_PATCH};
 use crate::base::error::{Error, Result};
+use crate::base::inside_read::refuse_inside_read;
 use crate::base::progress::{Cancel, Progress};
 use crate::base::tasks::{Executor, Task as HostTask};
 use crate::base::threads;
@@ -393,6 +394,8 @@ fn check_version(header: u32) -> super::guard::Checked<()> {
 ///
 /// - `out_did`: receives 1 if there was work, else 0. May be NULL.
 ///
+/// Errors: OC_STATUS_INVALID_STATE inside a read function of a model.
+///
 /// Thread safety: any thread. Blocks while it works.
 /// # Safety
 /// `context` is a live handle; `out_did` is writable or NULL.
@@ -401,6 +404,7 @@ pub unsafe extern "C" fn oc_context_step(context: *const oc_context, out_did: *m
     // SAFETY: the function's own contract.
     boundary(|| unsafe {
         handles::with_callbacks(context, |context: &Shell<ContextObject>| {
+            refuse_inside_read()?;
             let did = context.step();
             if !out_did.is_null() {
                 out_did.write(u32::from(did));

@@ -370,8 +370,9 @@ pub unsafe extern "C" fn oc_frame_set_wake(frame: *mut oc_frame, wake: oc_wake_f
 pub struct oc_frame_accuracy {
     /// Size of this struct in bytes; OC_INIT sets it.
     pub struct_size: u32,
-    /// The pixels of error in force: `poe` of the request, or more if the view's data does not fit the memory budget.
-    /// It rises in steps; the final step may depend on earlier views. If it is above `poe`, stand-ins transmit no rays.
+    /// The greatest threshold of a pixel, in pixels of error: `poe` of the request, or more as long as the picture has
+    /// pixels with a raised threshold, because its data does not fit the memory budget at once. In pictures with a
+    /// raised threshold stand-ins transmit no rays.
     pub effective_poe: f32,
     /// Number of the request in this frame, from 1. 0: nothing was requested yet.
     pub request: u64,
@@ -385,8 +386,9 @@ pub struct oc_frame_accuracy {
     pub pixels_total: u64,
     /// Bytes in memory of the models in the scene.
     pub bytes_resident: u64,
-    /// Bytes that the picture needs and that are not in memory. After OC_STATE_COMPLETE_WITHIN_BUDGET: the data that
-    /// could not be read or did not fit; 0 if all data for `effective_poe` is in memory.
+    /// Bytes that the picture, or the present pane of it, needs and that are not in memory; 0 at the end of a picture
+    /// that was completed pane by pane. After OC_STATE_COMPLETE_WITHIN_BUDGET without panes: the data that could not be
+    /// read or did not fit; 0 if all data for `effective_poe` is in memory.
     pub bytes_wanted: u64,
     /// Seconds from the request until now, or until its end.
     pub seconds: f64,
