@@ -273,7 +273,7 @@ typedef struct oc_context_desc {
      * three quarters of the machine's memory. A value above the machine's memory is refused.
      *
      * Not included:
-     * - Batches: 8 MiB for the rays of all batches that wait for data, and 2 MiB for each thread that traces.
+     * - Batches: 24 MiB for the rays of all batches that wait for data, and 2 MiB for each thread that traces.
      * - oc_scene_overlap_box, oc_scene_overlap_frustum: 1 MiB for each call, and 96 bytes for each part found.
      * - Frames: three times the bytes of the buffers (once more for each picture that is still mapped), and 16 bytes
      *   for each pixel.

@@ -23,7 +23,7 @@ use std::time::Duration;
 const LONG: Duration = Duration::from_secs(1200);
 const THREADS: usize = 2;
 /// Rays of batches that wait for blocks.
-const WAITING: u64 = 8 << 20;
+const WAITING: u64 = 24 << 20;
 /// Working memory of each thread that traces, the caller's included; and of what a batch begins at once.
 const OF_THREAD: u64 = 2 << 20;
 /// Three blocks for each thread that reads: the four that the library has for it, and those that trace.
@@ -81,7 +81,7 @@ fn batches(path: &Path) {
         let since = counting::now();
         let (_context, scene, model) = open(path, budget, 1).unwrap();
         let before = counting::now();
-        let rays = rays(sized(1_000_000, 20_000), &scene.state().bounds());
+        let rays = rays(sized(100_000, 20_000), &scene.state().bounds());
         let mut hits = vec![Hit::MISS; rays.len()];
         let own = counting::now() - before;
         let now = counting::now();
@@ -103,7 +103,7 @@ fn batches(path: &Path) {
 
 fn frames(path: &Path) {
     let budget = 16 << 20;
-    let (width, height) = (sized(1280, 320) as u32, sized(800, 200) as u32);
+    let (width, height) = (sized(640, 320) as u32, sized(400, 200) as u32);
     for (outputs, bytes) in [(Outputs::COLOUR, 4), (Outputs::ALL, 65)] {
         let since = counting::now();
         let (context, scene, model) = open(path, budget, 1).unwrap();
@@ -153,7 +153,7 @@ fn calls_keep_to_the_budget_and_the_stated_bounds() {
         builder.triangles(MeshKey::DIRECT, part, &[[DVec3::ZERO, DVec3::X, DVec3::Y]], None).unwrap();
     });
     scenes(&file("small.oc"));
-    let options = GenerateOptions { triangles: sized(1_000_000, 100_000) as u64, seed: 0 };
+    let options = GenerateOptions { triangles: sized(300_000, 100_000) as u64, seed: 0 };
     build(&file("large.oc"), |builder| {
         generate("airliner", &options, &Cancel::new(), builder).unwrap();
     });

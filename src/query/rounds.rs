@@ -71,7 +71,7 @@ pub(super) trait WaitList: Default + Send {
 type Piece<Q> = <<Q as Quest>::Waiting as WaitList>::Piece;
 /// Greatest number of bytes of the pieces of all quests of a context that wait. A quest may exceed it by the pieces of
 /// the items that its workers begin at the same time, and a quest without pieces may begin an item in any case.
-pub(super) const MOST_WAITING: u64 = 8 << 20;
+pub(super) const MOST_WAITING: u64 = 24 << 20;
 
 /// A piece of a quest that waits.
 pub(super) type Parked<Q> = <<Q as Quest>::Waiting as WaitList>::Parked;
