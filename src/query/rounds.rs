@@ -69,6 +69,7 @@ pub(super) trait WaitList: Default + Send {
 
 /// A piece of a quest that goes on.
 type Piece<Q> = <<Q as Quest>::Waiting as WaitList>::Piece;
+
 /// Greatest number of bytes of the pieces of all quests of a context that wait. A quest may exceed it by the pieces of
 /// the items that its workers begin at the same time, and a quest without pieces may begin an item in any case.
 pub(super) const MOST_WAITING: u64 = 24 << 20;
