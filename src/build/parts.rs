@@ -65,10 +65,13 @@ pub fn count(triangles: &[[Vec3; 3]], parts: &[u32], par: &Par, cancel: &Cancel)
     let mut all: BTreeMap<u32, OfPart> = BTreeMap::new();
     for (triangles, parts) in triangles.chunks(CHUNK * TOGETHER).zip(parts.chunks(CHUNK * TOGETHER)) {
         let chunks: Vec<_> = triangles.chunks(CHUNK).zip(parts.chunks(CHUNK)).collect();
-        let counted = par.map_items(chunks, |(triangles, parts)| count_chunk(triangles, parts));
+        let counted = par.map_items(chunks, |(triangles, parts)| -> Result<_> {
+            cancel.check()?;
+            Ok(count_chunk(triangles, parts))
+        });
         for counted in counted {
             cancel.check()?;
-            counted.into_iter().for_each(|(part, of)| of.add_to(&mut all, part));
+            counted?.into_iter().for_each(|(part, of)| of.add_to(&mut all, part));
         }
     }
     Ok(all)

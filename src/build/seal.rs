@@ -109,7 +109,7 @@ pub fn run(mut gathered: Gathered, asked: &Asked, threads: usize) -> Result<Buil
     };
     let sizes: Vec<(u64, u32)> = meshes.iter().map(|m| (m.triangles, m.local_parts)).collect();
     gathered.assembly.placings = Placings::of(&gathered.assembly.instances, meshes.len());
-    gathered.assembly.tight = Tight::plan(&sizes, &gathered.assembly.instances);
+    gathered.assembly.tight = Tight::plan(&sizes, &gathered.assembly.instances, cancel)?;
     let mut rows = Vec::new();
     let all: f64 = meshes.iter().map(|m| 1.0 + m.triangles as f64).sum();
     let mut before = 0.0;
@@ -185,6 +185,7 @@ fn seal(
         ..Header::default()
     };
     cancel.check()?;
+    writer.stop_with(cancel);
     progress.enter(Phase::Seal);
     report.bytes = writer.finish(&header, parts, materials, instances, trees)?;
     report.bytes_temporary = space.peak();

@@ -112,6 +112,7 @@ impl Splitter<'_> {
         let mut all = Found::default();
         assembly.placings = Placings::of(&assembly.instances, meshes.len());
         for index in 0..meshes.len() {
+            self.stretch.check()?;
             let mesh = std::mem::replace(&mut meshes[index], Spool::new(0));
             let (trees, unresolved) = self.divide(mesh)?;
             all.unresolved += unresolved;

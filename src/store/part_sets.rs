@@ -1,7 +1,9 @@
 //! The parts in and below each geometry block (FORMAT.md, section 5). A scene with hidden parts derives from them which
 //! blocks it does not need.
 
-use crate::base::bytes::{ByteReader, Malformed, PutBytes, ensure, push_varint, take_varint};
+use crate::base::bytes::{Checked, Malformed, PutBytes, ensure, push_varint, take_varint};
+use crate::base::error::Result;
+use crate::base::memory::room;
 
 /// Sets of local parts, one for each geometry block, in the order of the blocks.
 ///
@@ -15,8 +17,14 @@ pub struct PartSets {
     lists: Vec<u8>,
 }
 
+/// Number of bytes that are encoded at a time.
+const TOGETHER: usize = 64 << 10;
+
 /// Bytes of a row of the section: the end of a set.
 pub(super) const ROW_LEN: usize = 4;
+
+/// Use of the memory of sets, in errors.
+const WHAT: &str = "the lists of parts";
 
 impl PartSets {
     /// Number of sets.
@@ -35,7 +43,7 @@ impl PartSets {
     }
 
     /// Adds a set of parts, which ascend without repetition. Fails if the sets take more than 4 GiB.
-    pub fn push(&mut self, parts: impl IntoIterator<Item = u32>) -> Result<(), Malformed> {
+    pub fn push(&mut self, parts: impl IntoIterator<Item = u32>) -> Checked<()> {
         let mut next = 0u32;
         for part in parts {
             push_varint(&mut self.lists, part.wrapping_sub(next));
@@ -45,7 +53,7 @@ impl PartSets {
     }
 
     /// Adds all sets of `other`.
-    pub fn append(&mut self, other: &Self) -> Result<(), Malformed> {
+    pub fn append(&mut self, other: &Self) -> Checked<()> {
         let mut start = 0;
         for &end in &other.ends {
             self.lists.extend_from_slice(&other.lists[start..end as usize]);
@@ -55,7 +63,7 @@ impl PartSets {
         Ok(())
     }
 
-    fn end(&mut self) -> Result<(), Malformed> {
+    fn end(&mut self) -> Checked<()> {
         let end = u32::try_from(self.lists.len()).map_err(|_| Malformed::new("the lists of parts are too long"))?;
         self.ends.push(end);
         Ok(())
@@ -68,36 +76,39 @@ impl PartSets {
         Parts { bytes: self.lists.get(start..end).unwrap_or_default(), next: 0 }
     }
 
-    /// Returns the bytes of the section: a row for each set, then the lists.
-    pub(super) fn encode(&self) -> Vec<u8> {
-        let mut out = Vec::with_capacity(ROW_LEN * self.ends.len() + self.lists.len());
-        self.ends.iter().for_each(|&end| out.put_u32(end));
-        out.put_bytes(&self.lists);
-        out
+    /// Calls `take` with the bytes of the section, some at a time: a row for each set, then the lists.
+    pub(super) fn encode(&self, take: &mut dyn FnMut(&[u8]) -> Result<()>) -> Result<()> {
+        let mut out = Vec::new();
+        for some in self.ends.chunks(TOGETHER / ROW_LEN) {
+            out.clear();
+            some.iter().for_each(|&end| out.put_u32(end));
+            take(&out)?;
+        }
+        self.lists.chunks(TOGETHER).try_for_each(take)
     }
 
     /// Reads a section of `count` sets; `most` returns the number of local parts that block `index` may refer to.
-    pub(super) fn decode(bytes: &[u8], count: u64, most: impl Fn(usize) -> u32) -> Result<Self, Malformed> {
+    /// Fails with `NoMemory`.
+    pub(super) fn decode(bytes: &[u8], count: u64, most: impl Fn(usize) -> u32) -> Result<Checked<Self>> {
         let rows_len = usize::try_from(count).ok().and_then(|n| n.checked_mul(ROW_LEN));
-        let (rows, lists) =
-            rows_len.and_then(|n| bytes.split_at_checked(n)).ok_or(Malformed::new("unexpected end of data"))?;
-        let no_memory = |_| Malformed::new("the system cannot provide the memory for the lists of parts");
-        let (mut ends, mut own) = (Vec::new(), Vec::new());
-        ends.try_reserve_exact(rows.len() / ROW_LEN).map_err(no_memory)?;
-        own.try_reserve_exact(lists.len()).map_err(no_memory)?;
-        own.extend_from_slice(lists);
-        let mut rows = ByteReader::new(rows);
-        for _ in 0..count {
-            ends.push(rows.u32()?);
-        }
-        let sets = Self { ends, lists: own };
-        let is_ascending = sets.ends.is_sorted() && sets.ends.last().map_or(0, |&end| end as usize) == sets.lists.len();
+        let Some((rows, lists)) = rows_len.and_then(|n| bytes.split_at_checked(n)) else {
+            return Ok(Err(Malformed::new("unexpected end of data")));
+        };
+        let mut sets = Self { ends: room(rows.len() / ROW_LEN, WHAT)?, lists: room(lists.len(), WHAT)? };
+        let ends = rows.as_chunks::<ROW_LEN>().0;
+        sets.ends.extend(ends.iter().map(|bytes| u32::from_le_bytes(*bytes)));
+        sets.lists.extend_from_slice(lists);
+        Ok(sets.check(most).map(|()| sets))
+    }
+
+    fn check(&self, most: impl Fn(usize) -> u32) -> Checked<()> {
+        let is_ascending = self.ends.is_sorted() && self.ends.last().map_or(0, |&end| end as usize) == self.lists.len();
         ensure(is_ascending, "the ends of the lists are inconsistent")?;
-        for index in 0..sets.len() {
-            let (parts, most) = (sets.of(index), u64::from(most(index)));
+        for index in 0..self.len() {
+            let (parts, most) = (self.of(index), u64::from(most(index)));
             ensure(parts.are_sound(most), "a list of parts is malformed, or names a part that its tree lacks")?;
         }
-        Ok(sets)
+        Ok(())
     }
 }
 
@@ -141,6 +152,16 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    fn encoded(sets: &PartSets) -> Vec<u8> {
+        let mut all = Vec::new();
+        let taken = sets.encode(&mut |some| {
+            all.extend_from_slice(some);
+            Ok(())
+        });
+        taken.expect("memory");
+        all
+    }
+
     fn sets(all: &[Vec<u32>]) -> PartSets {
         let mut sets = PartSets::default();
         all.iter().for_each(|set| sets.push(set.iter().copied()).expect("small"));
@@ -152,7 +173,7 @@ mod tests {
         fn sets_come_back(all in prop::collection::vec(prop::collection::btree_set(any::<u32>(), 0..20), 0..20)) {
             let all: Vec<Vec<u32>> = all.into_iter().map(|set| set.into_iter().filter(|&p| p < u32::MAX).collect()).collect();
             let own = sets(&all);
-            let back = PartSets::decode(&own.encode(), all.len() as u64, |_| u32::MAX).expect("sound");
+            let back = PartSets::decode(&encoded(&own), all.len() as u64, |_| u32::MAX).expect("memory").expect("sound");
             prop_assert_eq!(&back, &own);
             for (i, set) in all.iter().enumerate() {
                 prop_assert_eq!(&back.of(i).collect::<Vec<_>>(), set);
@@ -164,8 +185,8 @@ mod tests {
 
         #[test]
         fn damage_is_refused_or_harmless(bytes in prop::collection::vec(any::<u8>(), 0..40), count in 0u64..8) {
-            if let Ok(sets) = PartSets::decode(&bytes, count, |_| 100) {
-                prop_assert_eq!(sets.encode(), bytes);
+            if let Ok(sets) = PartSets::decode(&bytes, count, |_| 100).expect("memory") {
+                prop_assert_eq!(encoded(&sets), bytes);
                 prop_assert!((0..sets.len()).all(|i| sets.of(i).all(|part| part < 100)));
             }
         }
@@ -173,11 +194,13 @@ mod tests {
 
     #[test]
     fn parts_that_a_tree_lacks_are_refused() {
-        let bytes = sets(&[vec![0, 5], vec![7]]).encode();
-        assert!(PartSets::decode(&bytes, 2, |_| 8).is_ok());
-        assert!(PartSets::decode(&bytes, 2, |i| if i == 0 { 8 } else { 7 }).is_err());
-        assert!(PartSets::decode(&bytes, 2, |i| if i == 0 { 5 } else { 8 }).is_err());
-        assert!(PartSets::decode(&bytes, u64::MAX, |_| 8).is_err());
+        let bytes = encoded(&sets(&[vec![0, 5], vec![7]]));
+        let is_sound =
+            |count, most: &dyn Fn(usize) -> u32| PartSets::decode(&bytes, count, most).expect("memory").is_ok();
+        assert!(is_sound(2, &|_| 8));
+        assert!(!is_sound(2, &|i| if i == 0 { 8 } else { 7 }));
+        assert!(!is_sound(2, &|i| if i == 0 { 5 } else { 8 }));
+        assert!(!is_sound(u64::MAX, &|_| 8));
         assert_eq!(sets(&[]).of(0).next(), None);
     }
 }

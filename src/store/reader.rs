@@ -130,7 +130,7 @@ impl ModelFile {
 
     /// Greatest number of bytes that [`ModelFile::part_sets`] takes while it reads. [`PartSets::memory`] of them stay.
     pub fn part_sets_memory(&self) -> u64 {
-        2 * self.part_sets.len
+        self.part_sets.len.saturating_mul(2)
     }
 
     /// Reads and checks the parts of blocks. Fails with [`Error::Io`], [`Error::Corrupt`] or [`Error::NoMemory`].
@@ -142,9 +142,9 @@ impl ModelFile {
         let tree_of =
             |block: usize| self.trees.partition_point(|tree| tree.first_block as usize <= block).checked_sub(1);
         let most = |block: usize| tree_of(block).map_or(0, |tree| self.trees[tree].local_parts);
-        let sets = ensure(xxh3_64(&bytes) == entry.checksum, "damaged (checksum mismatch)")
-            .and_then(|()| PartSets::decode(&bytes, entry.count, most));
-        sets.map_err(|why| file.corrupt(of_section(Kind::PartSets, &why)))
+        let fail = |why: Malformed| file.corrupt(of_section(Kind::PartSets, &why));
+        ensure(xxh3_64(&bytes) == entry.checksum, "damaged (checksum mismatch)").map_err(fail)?;
+        PartSets::decode(&bytes, entry.count, most)?.map_err(fail)
     }
 
     /// Reads a block, checks it, and replaces the content of `out` by its payload. `scratch` is working memory, reused
