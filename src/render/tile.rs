@@ -93,9 +93,9 @@ impl TilePixels {
         &all[at..at + self.width as usize * size]
     }
 
-    /// Renders the pixels `only`, counted packet by packet, of the tile with upper left pixel (`x`, `y`). Missing blocks are added to the wants
-    /// of `scratch`; if there are any, the tile must be rendered again. Returns `None` if `stop` returned true between
-    /// two packets.
+    /// Renders the pixels `only`, counted packet by packet, of the tile with upper left pixel (`x`, `y`). Missing
+    /// blocks are added to the wants of `scratch`; if there are any, the tile must be rendered again. Returns `None` if
+    /// `stop` returned true between two packets.
     pub fn render(
         &mut self,
         integrator: &Integrator,

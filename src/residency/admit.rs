@@ -137,8 +137,8 @@ impl Residency {
 }
 
 impl Shared {
-    /// Makes the least budget grow by `more`, if it is still at most the budget then. Otherwise nothing changes, and the
-    /// error is the budget that would be needed.
+    /// Makes the least budget grow by `more`, if it is still at most the budget then. Otherwise nothing changes, and
+    /// the error is the budget that would be needed.
     pub fn reserve(&self, more: &Needs) -> std::result::Result<(), u64> {
         let mut state = self.lock();
         let need = state.least_with(more);
@@ -151,7 +151,8 @@ impl Shared {
     }
 
     /// Charges `bytes`. Evicts blocks in use if it must, and then waits until passes that hold them have ended,
-    /// [`FOR_ROOM`] at most, or not at all where the host's threads do all work. Fails with `Cancelled`, or with `OverBudget` for `what`, which lacks `lacking` bytes.
+    /// [`FOR_ROOM`] at most, or not at all where the host's threads do all work. Fails with `Cancelled`, or with
+    /// `OverBudget` for `what`, which lacks `lacking` bytes.
     pub fn charge_when_free(
         &self,
         bytes: u64,

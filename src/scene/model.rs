@@ -392,8 +392,8 @@ fn model_from_mesh(row: &InstanceRow) -> DAffine3 {
     DAffine3 { matrix3: DMat3::from_cols(column(0), column(1), column(2)), translation: column(3) }
 }
 
-/// The most rows of the directory and of the trees that are read only to name a budget. A directory of this length takes
-/// some tenths of a second.
+/// The most rows of the directory and of the trees that are read only to name a budget. A directory of this length
+/// takes some tenths of a second.
 const MOST_ROWS: u64 = 4 << 20;
 
 /// The needs of a model beside those of its tables, found without reading these into memory. If there are more than

@@ -29,7 +29,7 @@ fi
 
 # The manifest's list of targets. cargo-fuzz finds the crate by its folder.
 [ $# -gt 0 ] || set -- $(sed -n 's,^path = "fuzz_targets/\(.*\)\.rs"$,\1,p' tests/fuzz/Cargo.toml)
-PATH=$out/tools/bin:$PATH cargo "+$toolchain" fuzz build --fuzz-dir tests/fuzz --target-dir "$out/build"
+PATH=$out/tools/bin:$PATH cargo "+$toolchain" fuzz build --codegen-units 16 --fuzz-dir tests/fuzz --target-dir "$out/build"
 
 # Input files are in memory where that is possible, and are gone afterwards.
 TMPDIR=$(mktemp -d -p /dev/shm outcrop-fuzz.XXXXXX 2>/dev/null || mktemp -d)
