@@ -7,7 +7,7 @@ use outcrop::base::progress::{Cancel, Progress};
 use outcrop::build::{BuildOptions, Builder};
 use outcrop::import::{MeshKey, PartDesc, Sink};
 use outcrop::math::Ray;
-use outcrop::store::{Header, MemorySource, ModelFile, PartRow, Source, TreeRow, Writer};
+use outcrop::store::{Header, MemorySource, ModelFile, PartRow, PartSets, Source, TreeRow, Writer};
 use outcrop::{Buffer, HitKind, Outputs, QueryOptions};
 use outcrop::{
     Context, ContextOptions, Error, Frame, FrameOptions, FrameSettings, FrameState, Hit, Look, Model, Scene, SceneState,
@@ -46,6 +46,11 @@ fn folder() -> tempfile::TempDir {
 
 /// `count` triangles in three coloured parts, and a shared mesh of nine placed twice.
 fn built(count: usize) -> Vec<u8> {
+    built_of([count / 3; 3])
+}
+
+/// So many triangles in each of three coloured parts, and a shared mesh of nine placed twice.
+fn built_of(counts: [usize; 3]) -> Vec<u8> {
     let dir = folder();
     let path = dir.path().join(NAME);
     let mut random = Random(1);
@@ -61,10 +66,10 @@ fn built(count: usize) -> Vec<u8> {
     let part = |builder: &mut Builder, id: u64, parent| {
         builder.part(PartDesc { id: Some(id), name: format!("part {id}"), parent, material: None }).unwrap()
     };
-    let size = 2.0 / (count as f64).sqrt();
-    for id in 0..3 {
+    let size = 2.0 / (counts.iter().sum::<usize>() as f64).sqrt();
+    for (id, count) in (0..).zip(counts) {
         let key = part(&mut builder, 100 + id, None);
-        let some = triangles(count / 3, size);
+        let some = triangles(count, size);
         let colours = vec![[id as f32 / 2.0, 0.5, 0.25]; some.len()];
         builder.triangles(MeshKey::DIRECT, key, &some, Some(&colours)).unwrap();
     }
@@ -250,6 +255,8 @@ struct Content {
     blocks: Vec<(Vec<u8>, u32)>,
     parts: Vec<PartRow>,
     trees: Vec<TreeRow>,
+    /// The parts of each geometry block.
+    lists: Vec<Vec<u32>>,
     file: ModelFile,
 }
 
@@ -262,7 +269,16 @@ impl Content {
             (payload.clone(), file.decoded_len(id))
         };
         let blocks = (0..file.block_count()).map(|id| block(BlockId(id))).collect();
-        Self { header: *file.header(), blocks, parts: file.parts().to_rows(), trees: file.trees().to_vec(), file }
+        let sets = file.part_sets().unwrap();
+        let lists = (0..sets.len()).map(|block| sets.of(block).collect()).collect();
+        Self {
+            header: *file.header(),
+            blocks,
+            parts: file.parts().to_rows(),
+            trees: file.trees().to_vec(),
+            lists,
+            file,
+        }
     }
 
     /// The file of it, all checksums right; `None` if the format has no such file.
@@ -273,6 +289,9 @@ impl Content {
         for (payload, decoded_len) in &self.blocks {
             writer.block(payload, *decoded_len).ok()?;
         }
+        let mut sets = PartSets::default();
+        self.lists.iter().for_each(|list| sets.push(list.iter().copied()).unwrap());
+        writer.set_part_sets(sets);
         writer.finish(&self.header, &self.parts, self.file.materials(), self.file.instances(), &self.trees).ok()?;
         Some(std::fs::read(&path).unwrap())
     }
@@ -477,4 +496,56 @@ fn a_source_that_fails_at_any_call() {
         }
     }
     assert_eq!(intact.context.memory_used(), 0);
+}
+
+/// `Model::check`, with all blocks in memory and with few.
+fn checked(bytes: &[u8]) -> [outcrop::Result<()>; 2] {
+    [1 << 30, 9 << 18].map(|memory_budget| {
+        let context = Context::new(ContextOptions { threads: 1, memory_budget, ..ContextOptions::default() }).unwrap();
+        let model = Model::open_source(&context, Arc::new(MemorySource::named(NAME, bytes)))?;
+        let outcome = model.check(&Cancel::new());
+        let (held, all) = (model.memory().resident, model.memory().geometry);
+        assert_eq!(held < all, memory_budget < 1 << 30, "{held} of {all} bytes in memory");
+        outcome
+    })
+}
+
+/// A list that lacks a part of its block, or has none above one that has a part: a query may then miss the part, or hit
+/// it though it is hidden, but ends. A check names the block and the part.
+#[test]
+fn lists_of_parts_that_lack_parts_of_their_blocks() {
+    let mut content = Content::of(&built_of([10_000, 19_990, 10]));
+    let (context, rays) = (context(), rays(16));
+    checked(&content.bytes().unwrap()).into_iter().for_each(|outcome| outcome.unwrap());
+    let (mut own, mut below) = (0, 0);
+    let step = content.lists.len() / 5;
+    for block in (0..content.lists.len()).step_by(step).chain([1, 2]) {
+        let list = content.lists[block].clone();
+        for part in list.iter().copied().filter(|_| list.len() > 1) {
+            content.lists[block].retain(|&other| other != part);
+            let bytes = content.bytes().unwrap();
+            for outcome in checked(&bytes) {
+                let error = outcome.expect_err("a part is missing").to_string();
+                let expected = format!("block {block}: its list of parts lacks local part {part}, which is in ");
+                assert!(error.contains(&expected), "{error}");
+                own += usize::from(error.contains("which is in the block") || error.contains("which is in its block"));
+                below += usize::from(error.contains("which is in the list of block"));
+            }
+            assert!(survives(&context, &rays, &bytes, &format!("block {block} without part {part}")));
+            content.lists[block].clone_from(&list);
+        }
+        // More parts than there are make a query read more.
+        content.lists[block] = (0..3).collect();
+        assert!(list.is_empty() || checked(&content.bytes().unwrap()).iter().all(Result::is_ok), "block {block}");
+        content.lists[block] = list;
+    }
+    assert!(own > 0 && below > 0, "{own}, {below}");
+    // A list above a block without one.
+    let [coarse, fine, ..] = content.trees[0].class_blocks;
+    let last = (coarse + fine) as usize - 1;
+    content.lists[last].clear();
+    for outcome in checked(&content.bytes().unwrap()) {
+        let error = outcome.expect_err("a list above none").to_string();
+        assert!(error.contains(&format!("but block {last} below it has none")), "{error}");
+    }
 }

@@ -10,6 +10,7 @@ pub mod edit;
 pub mod light;
 mod looks;
 pub mod model;
+mod part_check;
 pub(crate) mod placed;
 pub mod state;
 pub mod top;

@@ -2,6 +2,7 @@
 
 use super::camera::{Camera, default_views};
 use super::context::{Context, LogLevel};
+use super::part_check::PartCheck;
 use crate::base::error::{Error, Result};
 use crate::base::ids::BlockId;
 use crate::base::inside_read::refuse_inside_read;
@@ -271,15 +272,23 @@ impl Model {
         Ok(is_all)
     }
 
-    /// Reads, decodes and validates all of its geometry and the links between its blocks, for any budget. Blocks. Fails
-    /// with the error of the first faulty block.
+    /// Reads, decodes and validates all of its geometry and the links between its blocks, and compares the parts of
+    /// blocks with them. Any budget holds the blocks; the lists of parts must fit it. Blocks. Fails with the error of
+    /// the first faulty block, or with `OverBudget`.
     pub fn check(&self, cancel: &Cancel) -> Result<()> {
-        if self.load(cancel)? {
-            return Ok(());
-        }
         let all: Vec<BlockId> = (0..self.0.info.geometry_blocks).map(BlockId).collect();
+        self.load(cancel)?;
+        let (there, sets) = (self.0.blocks.snapshot(), self.part_sets()?);
+        let check = PartCheck::new(self, &sets);
+        let (here, left): (Vec<_>, Vec<_>) = all.into_iter().partition(|&id| there.block(id).is_some());
+        check.run(&here, &there, cancel)?;
+        drop(there);
         // A lease holds at least four blocks.
-        all.chunks(4).try_for_each(|few| self.0.context.residency().lease().fetch(&self.0.blocks, few, cancel))
+        left.chunks(4).try_for_each(|few| {
+            let mut lease = self.0.context.residency().lease();
+            lease.fetch(&self.0.blocks, few, cancel)?;
+            check.run(few, &*lease.snapshot(&self.0.blocks)?, cancel)
+        })
     }
 
     /// Number of blocks that were read again because reading or checking had failed; the log says why.

@@ -96,6 +96,28 @@ pub fn check_links(file: &ModelFile, snapshot: &Snapshot) -> std::result::Result
     }
 }
 
+/// The parts of a geometry block, for the check of the lists of parts.
+pub struct BlockParts {
+    /// Local parts of its triangles and stand-ins, ascending.
+    pub parts: Vec<u32>,
+    /// The block whose list names them: the block itself, or the one above that stands for it.
+    pub listed_by: BlockId,
+    /// The blocks directly below it that have lists of their own.
+    pub below: Vec<BlockId>,
+}
+
+/// Returns the parts of geometry block `id`, which holds the decoded `words` and belongs to `tree`.
+pub fn block_parts(file: &ModelFile, tree: &TreeRow, id: BlockId, words: &[u32]) -> Result<BlockParts> {
+    let mut found = match structure_of(file)? {
+        Structure::Bvh => bvh::block_parts(tree, id, words),
+        #[cfg(any(test, feature = "brute"))]
+        Structure::Brute => brute::block_parts(id, words),
+    };
+    found.parts.sort_unstable();
+    found.parts.dedup();
+    Ok(found)
+}
+
 /// Name of the structure with this number, see [`Structure`].
 pub fn name(number: u32) -> &'static str {
     Structure::from_number(number).map_or("unknown", Structure::name)

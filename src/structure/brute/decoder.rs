@@ -1,9 +1,11 @@
 //! The decoder of this structure's blocks, for residency.
 
-use super::layout::{Range, check};
+use super::layout::{Block, Range, Row, check, triangle};
 use crate::base::ids::BlockId;
+use crate::lod::Coded;
 use crate::residency::{BlockClass, Decoder};
 use crate::store::TreeRow;
+use crate::structure::open::BlockParts;
 use crate::structure::streams;
 
 /// Decodes the blocks of a model of structure `brute`.
@@ -55,4 +57,16 @@ impl Decoder for BruteDecoder {
         let is_coarse = self.tree_of(id.0).is_some_and(|tree| id.0 < tree.lists);
         BlockClass { is_coarse, is_read_ahead, ..BlockClass::default() }
     }
+}
+
+/// Returns the parts of a geometry block, in any order.
+pub fn block_parts(id: BlockId, words: &[u32]) -> BlockParts {
+    let (parts, below) = match Block::new(words) {
+        Block::Index(rows) => {
+            let part = |row| Coded::part(Row(row).voxel()[2]).0;
+            (rows.iter().map(part).collect(), rows.iter().map(|row| BlockId(Row(row).below().0)).collect())
+        }
+        Block::List(triangles) => (triangles.iter().map(|words| triangle(words).part).collect(), Vec::new()),
+    };
+    BlockParts { parts, listed_by: id, below }
 }

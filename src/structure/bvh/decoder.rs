@@ -2,10 +2,11 @@
 
 use super::codec::{self, Holds, Place};
 use super::codec_leaves::leaves_in_order;
-use super::layout::{Block, COARSE, Child, FINE, INDEX_MASK, KIND_SHIFT, MAX_WORDS, NODE_WORDS};
+use super::layout::{Block, COARSE, Child, FINE, INDEX_MASK, KIND_SHIFT, MAX_WORDS, NODE_WORDS, WIDTH};
 use crate::base::ids::BlockId;
 use crate::residency::{BlockClass, Decoder, Entries, MOST_NODES, Reference, Snapshot, Statements};
 use crate::store::TreeRow;
+use crate::structure::open::BlockParts;
 use crate::structure::streams;
 use std::collections::HashSet;
 use std::hash::{BuildHasher, RandomState};
@@ -172,6 +173,21 @@ fn leaves_named(block: &Block) -> Vec<u16> {
         }
     }
     starts
+}
+
+/// Returns the parts of a geometry block of `tree`, in any order. A fine block lists the parts of its leaf block.
+pub fn block_parts(tree: &TreeRow, id: BlockId, words: &[u32]) -> BlockParts {
+    let (block, leaves_at) = (Block::new(words), leaves_at(tree));
+    let is_leaf_block = id.0 >= tree.first_block + tree.class_blocks[COARSE] + leaves_at && leaves_at > 0;
+    let of_triangles = (0..block.parts()).map(|i| block.part(i));
+    let slots = (0..block.nodes()).flat_map(|i| (0..WIDTH).map(move |slot| (i, slot)));
+    let filled = slots.filter(|&(i, slot)| block.node(i).valid >> slot & 1 == 1);
+    let of_stand_ins = filled.map(|(i, slot)| block.voxel(i, slot).part().0);
+    BlockParts {
+        parts: of_triangles.chain(of_stand_ins).collect(),
+        listed_by: if is_leaf_block { BlockId(id.0 - leaves_at) } else { id },
+        below: nodes_elsewhere(&block).map(|(to, _)| to).collect(),
+    }
 }
 
 /// Checks the references that no block can check by itself: references between blocks must point at existing nodes

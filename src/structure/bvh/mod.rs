@@ -13,5 +13,5 @@ pub mod open;
 pub mod trace;
 mod validate;
 
-pub use decoder::{BvhDecoder, check_links, entered_blocks, leaves_at};
+pub use decoder::{BvhDecoder, block_parts, check_links, entered_blocks, leaves_at};
 pub use validate::validate;
