@@ -121,6 +121,89 @@ fn libraries_and_textures_outside_of_the_folder_are_skipped_and_noted() {
     assert_eq!(sink.direct()[0].colour, Some(RED), "{:?}", sink.notes);
 }
 
+/// Names of nothing that may be read, some of which would never end or block: a pipe, devices, folders, links in a
+/// circle, roots and schemes of other systems, names that are decoded once only.
+#[cfg(target_os = "linux")]
+fn no_files(all: &TempDir) -> Vec<String> {
+    use rustix::fs::{CWD, FileType, Mode, mknodat};
+    use std::os::unix::fs::symlink;
+    let models = all.path().join("models");
+    mknodat(CWD, models.join("pipe"), FileType::Fifo, Mode::RUSR | Mode::WUSR, 0).expect("a pipe");
+    fs::create_dir(models.join("folder")).expect("a folder");
+    for (link, to) in [("zeros", "/dev/zero"), ("circle", "circle"), ("to-pipe", "pipe"), ("to-folder", ".")] {
+        symlink(to, models.join(link)).expect("a link");
+    }
+    let inside = models.join("inside.bin").display().to_string();
+    let mut names: Vec<String> =
+        ["pipe", "to-pipe", "zeros", "circle", "folder", "to-folder", ".", "..", "/", "/dev/zero"]
+            .into_iter()
+            .chain(["sub/", "inside.bin/", "inside.bin/.", "missing/../inside.bin", "inside.bin/../inside.bin"])
+            .chain(["C:\\inside.bin", "C:/inside.bin", "c:inside.bin", "\\\\host\\inside.bin", "\\\\?\\C:\\inside.bin"])
+            .chain([
+                "file:inside.bin",
+                "file://inside.bin",
+                "https://host/inside.bin",
+                "~/inside.bin",
+                "$HOME/inside.bin",
+            ])
+            .chain([
+                "%252e%252e/secret.bin",
+                "sub%252f..%252f..%252fsecret.bin",
+                "..%c0%afsecret.bin",
+                "%c0%ae%c0%ae/secret.bin",
+            ])
+            .map(String::from)
+            .collect();
+    names.extend([format!("file://{inside}"), "n".repeat(5000), "sub/".repeat(3000) + "x", format!("{inside}/x")]);
+    names
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn names_of_what_is_no_file_are_refused_at_once() {
+    let all = folders();
+    let names = no_files(&all);
+    let any = Access { any: true, ..Default::default() };
+    let coded = ["%00", "inside.bin%00", "inside%00.bin", "%00/../inside.bin", "..%00/secret.bin", "%2fdev%2fzero", ""];
+    for name in names.iter().map(String::as_str).chain(coded) {
+        for access in [Access::default(), any.clone()] {
+            let error = read(&all, "a.gltf", &gltf(name), access).expect_err(name);
+            assert!(matches!(error, Error::Parse { .. } | Error::Io { .. }), "{name}: {error}");
+        }
+    }
+    for name in &names {
+        // A name that leads elsewhere may be that of a file in the folder: it is found by its last part.
+        let last = name.rsplit(['/', '\\']).next().unwrap_or_default();
+        if last == "inside.bin" || last == "secret.bin" {
+            continue;
+        }
+        for access in [Access::default(), any.clone()] {
+            let sink = read(&all, "a.obj", &format!("mtllib {name}\n{OBJ}"), access.clone()).expect(name);
+            assert!(sink.received == 1 && sink.materials.is_empty() && !sink.notes.is_empty(), "{name}");
+            fs::write(all.path().join("models/a.mtl"), format!("newmtl m\nmap_Kd {name}\n")).expect("a library");
+            let sink = read(&all, "a.obj", &format!("mtllib a.mtl\n{OBJ}"), access).expect(name);
+            assert!(sink.received == 1 && sink.direct()[0].colour.is_none(), "{name}");
+            assert!(sink.notes[0].contains("1 textures were left out"), "{name}: {:?}", sink.notes);
+        }
+    }
+    // As the document itself, and as the answer of a host.
+    for name in ["pipe", "zeros", "folder", "circle"] {
+        let path = all.path().join("models").join(name);
+        read_file(&path, &ReadOptions::default(), &mut Collector::new()).expect_err(name);
+        let (access, _) = host(move |_| Ok(Resolved::Path(path.clone())));
+        read(&all, "a.gltf", &gltf("x"), access).expect_err(name);
+    }
+}
+
+/// A way out and in again ends in the folder.
+#[test]
+fn a_name_is_judged_by_where_it_ends() {
+    let all = folders();
+    for uri in ["../models/inside.bin", "sub/../../models/./sub/below.bin", "..\\models\\inside.bin"] {
+        assert_eq!(read(&all, "a.gltf", &gltf(uri), Access::default()).expect(uri).received, 1);
+    }
+}
+
 #[cfg(unix)]
 #[test]
 fn links_inside_of_the_folder_and_links_to_the_document_are_followed() {
