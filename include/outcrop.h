@@ -912,8 +912,9 @@ typedef struct oc_frame_accuracy {
     /** Size of this struct in bytes; OC_INIT sets it. */
     uint32_t struct_size;
     /**
-     * The pixels of error in force: `poe` of the request, or more if the view's data does not fit the memory budget.
-     * It rises in steps; the final step may depend on earlier views. If it is above `poe`, stand-ins transmit no rays.
+     * The greatest threshold of a pixel, in pixels of error: `poe` of the request, or more as long as the picture has
+     * pixels with a raised threshold, because its data does not fit the memory budget at once. In pictures with a
+     * raised threshold stand-ins transmit no rays.
      */
     float effective_poe;
     /** Number of the request in this frame, from 1. 0: nothing was requested yet. */
@@ -929,8 +930,9 @@ typedef struct oc_frame_accuracy {
     /** Bytes in memory of the models in the scene. */
     uint64_t bytes_resident;
     /**
-     * Bytes that the picture needs and that are not in memory. After OC_STATE_COMPLETE_WITHIN_BUDGET: the data that
-     * could not be read or did not fit; 0 if all data for `effective_poe` is in memory.
+     * Bytes that the picture, or the present pane of it, needs and that are not in memory; 0 at the end of a picture
+     * that was completed pane by pane. After OC_STATE_COMPLETE_WITHIN_BUDGET without panes: the data that could not be
+     * read or did not fit; 0 if all data for `effective_poe` is in memory.
      */
     uint64_t bytes_wanted;
     /** Seconds from the request until now, or until its end. */
@@ -1300,7 +1302,8 @@ typedef struct oc_pixels {
 /**
  * If the data of the picture does not fit the memory budget at once, the request ends with the picture that does, as
  * OC_STATE_COMPLETE_WITHIN_BUDGET. That picture has one threshold, `effective_poe`, and may be coarser in places than
- * those before. Without this flag the request goes on until the picture is as requested.
+ * those before. The threshold may depend on earlier views. Without this flag the request goes on until the picture is
+ * as requested, whatever was seen before.
  */
 #define OC_FRAME_AT_ONCE 1
 
@@ -1511,6 +1514,8 @@ oc_status oc_context_create(uint32_t header_version,
  * is one piece.
  *
  * - `out_did`: receives 1 if there was work, else 0. May be NULL.
+ *
+ * Errors: OC_STATUS_INVALID_STATE inside a read function of a model.
  *
  * Thread safety: any thread. Blocks while it works.
  */

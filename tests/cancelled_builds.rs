@@ -13,7 +13,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// Number of moments at which each build is cancelled.
-const MOMENTS: u32 = 10;
+const MOMENTS: u32 = 6;
 
 /// Any build returns within this time. (Optimised and alone, it takes less than 100 ms.)
 const LONGEST: Duration = Duration::from_secs(2);
@@ -26,7 +26,7 @@ fn size(of: usize) -> usize {
 /// Each group has a name, and a triangle.
 fn many_groups(folder: &Path) -> PathBuf {
     let mut text = String::from("v 0 0 0\nv 1 0 0\n");
-    for i in 0..size(10_000) {
+    for i in 0..size(3_000) {
         let _ = writeln!(text, "g a part with the name {i}\nv {} {} {}\nf -1 1 2", i % 1000, i / 1000, i % 7);
     }
     file(folder, "groups.obj", &text)
@@ -56,13 +56,13 @@ fn node(i: usize, mesh: usize) -> String {
 
 /// One mesh that many nodes show.
 fn many_nodes(folder: &Path) -> PathBuf {
-    let nodes: Vec<String> = (0..size(10_000)).map(|i| node(i, 0)).collect();
+    let nodes: Vec<String> = (0..size(3_000)).map(|i| node(i, 0)).collect();
     file(folder, "nodes.gltf", &document(&nodes.join(","), 1))
 }
 
 /// Many meshes, each shown by two nodes.
 fn many_meshes(folder: &Path) -> PathBuf {
-    let meshes = size(1_000);
+    let meshes = size(300);
     let nodes: Vec<String> = (0..2 * meshes).map(|i| node(i, i % meshes)).collect();
     file(folder, "meshes.gltf", &document(&nodes.join(","), meshes))
 }
@@ -84,7 +84,7 @@ fn pictures(folder: &Path, count: usize, side: u32, ending: &str) -> PathBuf {
 
 /// A bumpy plane of one part.
 fn plane(folder: &Path) -> PathBuf {
-    let side = (size(40_000) as f64 / 2.0).sqrt() as usize;
+    let side = (size(8_000) as f64 / 2.0).sqrt() as usize;
     let mut text = String::new();
     for (y, x) in (0..=side).flat_map(|y| (0..=side).map(move |x| (y, x))) {
         let _ = writeln!(text, "v {x} {y} {}", (x as f64 * 12.9898 + y as f64 * 78.233).sin());
@@ -143,7 +143,7 @@ fn worst(input: &Path, memory_budget: u64) -> Duration {
 fn a_cancel_is_heard_soon() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
-    let side = size(1500).min(8000) as u32;
+    let side = size(800).min(8000) as u32;
     let inputs = [
         many_groups(folder),
         many_nodes(folder),

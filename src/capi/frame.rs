@@ -145,7 +145,8 @@ pub struct oc_frame_settings {
 pub type oc_frame_flags = u32;
 /// If the data of the picture does not fit the memory budget at once, the request ends with the picture that does, as
 /// OC_STATE_COMPLETE_WITHIN_BUDGET. That picture has one threshold, `effective_poe`, and may be coarser in places than
-/// those before. Without this flag the request goes on until the picture is as requested.
+/// those before. The threshold may depend on earlier views. Without this flag the request goes on until the picture is
+/// as requested, whatever was seen before.
 pub const OC_FRAME_AT_ONCE: oc_frame_flags = 1;
 
 // SAFETY: `repr(C)`, integers and floats without padding, `struct_size` first.
