@@ -90,8 +90,7 @@ fn frame(context: &Context, scene: &Scene, model: &Model) -> Result<()> {
 fn check(built: &Built, mut budget: u64, places: usize) -> u64 {
     let first = budget;
     let mut tries = BTreeMap::<&str, usize>::new();
-    loop {
-        let Err((call, error)) = view(built, budget, places) else { break };
+    while let Err((call, error)) = view(built, budget, places) {
         let Error::OverBudget { need, have, what } = error else { panic!("{call}: {error}") };
         println!("{call} in {have}: {what} needs {need}");
         assert!(have == budget && need > have, "{call}: {need} of {have}");
