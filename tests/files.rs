@@ -3,6 +3,7 @@
 mod background;
 mod bad_input;
 mod build_limits;
+mod cancelled_builds;
 mod common;
 mod contact_sheet;
 mod failing_builds;

@@ -236,9 +236,8 @@ struct Declared {
     do_not_fit: bool,
 }
 
-/// Number of bytes of a part without its name: its row, that row encoded, its counts while a tree is built, and what
-/// the allocator adds.
-const PART_BYTES: u64 = (size_of::<PartRow>() * 9 / 8 + 80 + 96) as u64;
+/// Number of bytes of a part without its name: its row, its counts while a tree is built, and what the allocator adds.
+const PART_BYTES: u64 = (size_of::<PartRow>() * 9 / 8 + 96) as u64;
 
 /// Number of bytes of a shared mesh without triangles: the spool, and the row of its tree.
 const MESH_BYTES: u64 = (size_of::<Spool>() + 3 * size_of::<TreeRow>()) as u64;
@@ -314,7 +313,7 @@ impl Sink for Builder {
         let id = part.id.unwrap_or(u64::from(index));
         let bounds = sections::EMPTY_BOUNDS;
         self.declared.parts += 1;
-        if self.has_room(PART_BYTES + 2 * part.name.len() as u64) {
+        if self.has_room(PART_BYTES + part.name.len() as u64) {
             let (name, parent) = (part.name, part.parent);
             reserve(&mut self.assembly.parts);
             self.assembly.parts.push(PartRow { id, name, parent, material, bounds, triangles: 0 });

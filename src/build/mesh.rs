@@ -102,7 +102,8 @@ impl Output<'_> {
         self.coarsened(&row, step);
         let of_parts = parts::count(&placed.triangles, &placed.parts, &self.par, self.cancel)?;
         let of_parts = parts::but(of_parts, &copies);
-        assembly.tight.search(index, placed.origin, &placed.triangles, &placed.parts, &self.par);
+        let all = (&placed.triangles[..], &placed.parts[..]);
+        assembly.tight.search(index, placed.origin, all, &self.par, self.cancel)?;
         assembly.add(index, placed.origin, &of_parts, self.cancel)?;
         if placed.triangles.is_empty() {
             return Ok(row);

@@ -3,6 +3,7 @@
 use super::output::Output;
 use crate::base::bytes::Malformed;
 use crate::base::error::{Error, Result};
+use crate::base::progress::Cancel;
 use crate::store::PartSets;
 use std::collections::HashMap;
 
@@ -43,11 +44,12 @@ impl TreeParts {
 
     /// Adds the set of each block to `sets`: its own parts and those of all blocks below it. If one of these is
     /// unknown, so is the set. A block refers only to later blocks.
-    fn close(self, sets: &mut PartSets) -> Result<()> {
+    fn close(self, sets: &mut PartSets, cancel: &Cancel) -> Result<()> {
         let mut closed: HashMap<usize, Vec<u32>> = HashMap::with_capacity(self.above.len());
         for (block, below) in self.above.into_iter().rev() {
             let (mut all, mut is_known): (Vec<u32>, bool) = (self.own.of(block).collect(), true);
             for to in below {
+                cancel.check()?;
                 let before = all.len();
                 match closed.get(&(to as usize)) {
                     Some(set) => all.extend(set),
@@ -60,6 +62,7 @@ impl TreeParts {
             closed.insert(block, if is_known { all } else { Vec::new() });
         }
         for block in 0..self.own.len() {
+            cancel.check()?;
             match closed.remove(&block) {
                 Some(set) => sets.push(set),
                 None => sets.push(self.own.of(block)),
@@ -73,7 +76,7 @@ impl TreeParts {
 impl Output<'_> {
     /// Adds the sets of the tree whose blocks were written last.
     pub fn end_tree_parts(&mut self) -> Result<()> {
-        std::mem::take(&mut self.tree_parts).close(&mut self.part_sets)
+        std::mem::take(&mut self.tree_parts).close(&mut self.part_sets, self.cancel)
     }
 }
 
@@ -96,8 +99,16 @@ mod tests {
         // Block 5 says nothing about its parts, so neither do the blocks above it. Block 2 was added as block 0 of
         // `rest`.
         let mut sets = PartSets::default();
-        tree.close(&mut sets).expect("small");
+        tree.close(&mut sets, &Cancel::new()).expect("small");
         let found: Vec<Vec<u32>> = (0..6).map(|i| sets.of(i).collect()).collect();
         assert_eq!(found, [vec![], vec![1, 2, 9], vec![], vec![2, 9], vec![1, 2], vec![]]);
+    }
+
+    #[test]
+    fn a_cancel_ends_the_closing() {
+        let (mut tree, cancel) = (TreeParts::default(), Cancel::new());
+        tree.push(BlockParts { own: vec![0], below: Vec::new() }).expect("small");
+        cancel.cancel();
+        assert!(matches!(tree.close(&mut PartSets::default(), &cancel), Err(Error::Cancelled)));
     }
 }

@@ -16,6 +16,8 @@ pub struct Assembly {
     pub parts: Vec<PartRow>,
     pub materials: Vec<MaterialRow>,
     pub instances: Vec<InstanceRow>,
+    /// The indices of all instances, ordered by tree ([`Assembly::index`]).
+    pub by_tree: Vec<u32>,
     /// Bounds of meshes that are placed with a turn.
     pub tight: Tight,
 }
@@ -30,10 +32,13 @@ pub fn count(triangles: &[[Vec3; 3]], parts: &[u32], par: &Par, cancel: &Cancel)
     let mut all: BTreeMap<u32, OfPart> = BTreeMap::new();
     for (triangles, parts) in triangles.chunks(CHUNK * TOGETHER).zip(parts.chunks(CHUNK * TOGETHER)) {
         let chunks: Vec<_> = triangles.chunks(CHUNK).zip(parts.chunks(CHUNK)).collect();
-        let counted = par.map_items(chunks, |(triangles, parts)| count_chunk(triangles, parts));
+        let counted = par.map_items(chunks, |(triangles, parts)| -> Result<_> {
+            cancel.check()?;
+            Ok(count_chunk(triangles, parts))
+        });
         for counted in counted {
             cancel.check()?;
-            counted.into_iter().for_each(|(part, of)| of.add_to(&mut all, part));
+            counted?.into_iter().for_each(|(part, of)| of.add_to(&mut all, part));
         }
     }
     Ok(all)
@@ -62,11 +67,24 @@ fn count_chunk(triangles: &[[Vec3; 3]], parts: &[u32]) -> BTreeMap<u32, OfPart> 
     all
 }
 
+/// Returns the instances of a tree, in order, given the indices of all by tree.
+fn placed<'a>(instances: &'a [InstanceRow], by_tree: &'a [u32], tree: usize) -> impl Iterator<Item = &'a InstanceRow> {
+    let tree_of = move |i: &u32| instances[*i as usize].tree as usize;
+    let begin = by_tree.partition_point(|i| tree_of(i) < tree);
+    by_tree[begin..].iter().take_while(move |i| tree_of(i) == tree).map(|&i| &instances[i as usize])
+}
+
 impl Assembly {
+    /// Finds the instances of each tree. Must be called after the last instance was added.
+    pub fn index(&mut self) {
+        self.by_tree = (0..self.instances.len() as u32).collect();
+        self.by_tree.sort_by_key(|&i| self.instances[i as usize].tree);
+    }
+
     /// Adds the triangles of a mesh, whose bounds are relative to `origin`. Those of tree 0 are added by part, those of
     /// other trees by local part, for each instance.
     pub fn add(&mut self, tree: usize, origin: DVec3, of_parts: &BTreeMap<u32, OfPart>, cancel: &Cancel) -> Result<()> {
-        let Self { parts, instances, tight, .. } = self;
+        let Self { parts, instances, by_tree, tight, .. } = self;
         let mut add = |first: u32, world_from_mesh: &DAffine3| {
             let tight = tight.placed(tree, world_from_mesh);
             for (&part, of) in of_parts {
@@ -81,16 +99,15 @@ impl Assembly {
         if tree == 0 {
             return add(0, &DAffine3::IDENTITY);
         }
-        let mut placed = instances.iter().filter(|i| i.tree as usize == tree);
-        placed.try_for_each(|i| add(i.first_part, &DAffine3::from_cols_array(&i.world_from_mesh)))
+        placed(instances, by_tree, tree)
+            .try_for_each(|i| add(i.first_part, &DAffine3::from_cols_array(&i.world_from_mesh)))
     }
 }
 
 impl Assembly {
     /// Returns the linear colours of a mesh's local parts, as of its first instance.
     pub fn colours(&self, tree: usize, local_parts: u32) -> Vec<Vec3> {
-        let placing = self.instances.iter().find(|i| i.tree as usize == tree);
-        let first = placing.map_or(0, |i| i.first_part) as usize;
+        let first = placed(&self.instances, &self.by_tree, tree).next().map_or(0, |i| i.first_part) as usize;
         let rows = self.parts.iter().skip(first).take(local_parts as usize);
         rows.map(|row| Vec3::from(self.materials[row.material as usize].colour)).collect()
     }

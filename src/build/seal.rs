@@ -108,7 +108,8 @@ pub fn run(mut gathered: Gathered, asked: &Asked, threads: usize) -> Result<Buil
         par,
     };
     let sizes: Vec<(u64, u32)> = meshes.iter().map(|m| (m.triangles, m.local_parts)).collect();
-    gathered.assembly.tight = Tight::plan(&sizes, &gathered.assembly.instances);
+    gathered.assembly.tight = Tight::plan(&sizes, &gathered.assembly.instances, cancel)?;
+    gathered.assembly.index();
     let mut rows = Vec::new();
     let all: f64 = meshes.iter().map(|m| 1.0 + m.triangles as f64).sum();
     let mut before = 0.0;
@@ -184,6 +185,7 @@ fn seal(
         ..Header::default()
     };
     cancel.check()?;
+    writer.stop_with(cancel);
     progress.enter(Phase::Seal);
     report.bytes = writer.finish(&header, parts, materials, instances, trees)?;
     report.bytes_temporary = space.peak();

@@ -111,6 +111,7 @@ impl Splitter<'_> {
     pub fn run(&self, meshes: &mut Vec<Spool>, assembly: &mut Assembly) -> Result<Found> {
         let mut all = Found::default();
         for index in 0..meshes.len() {
+            self.stretch.check()?;
             let mesh = std::mem::replace(&mut meshes[index], Spool::new(0));
             let (trees, unresolved) = self.divide(mesh)?;
             all.unresolved += unresolved;

@@ -66,9 +66,10 @@ fn value(row: DVec3, p: DVec3) -> f64 {
 
 impl Tight {
     /// Chooses the meshes that are searched. `meshes`: numbers of triangles and of local parts of each tree.
-    pub fn plan(meshes: &[(u64, u32)], instances: &[InstanceRow]) -> Self {
+    pub fn plan(meshes: &[(u64, u32)], instances: &[InstanceRow], cancel: &Cancel) -> Result<Self> {
         let mut found: BTreeMap<usize, BTreeSet<[u64; 3]>> = BTreeMap::new();
         for instance in instances {
+            cancel.check()?;
             let turned = rows(&DAffine3::from_cols_array(&instance.world_from_mesh)).into_iter().filter(is_turned);
             let turned: Vec<[u64; 3]> = turned.map(|row| bits(&row)).collect();
             if !turned.is_empty() {
@@ -82,6 +83,7 @@ impl Tight {
         let mut left = 3 * MOST * meshes.iter().map(|mesh| mesh.0).sum::<u64>();
         let mut planned = BTreeMap::new();
         for (work, tree) in candidates {
+            cancel.check()?;
             let rows = found.remove(&tree).unwrap_or_default();
             let intervals = rows.len().saturating_mul(meshes[tree].1 as usize);
             if work > left || intervals > INTERVALS {
@@ -91,19 +93,32 @@ impl Tight {
             let rows = rows.into_iter().map(|bits| DVec3::from_array(bits.map(f64::from_bits))).collect();
             planned.insert(tree, Intervals { rows, values: vec![EMPTY; intervals] });
         }
-        Self { meshes: planned }
+        Ok(Self { meshes: planned })
     }
 
     /// Searches the triangles of a mesh, which are relative to `origin`.
-    pub fn search(&mut self, tree: usize, origin: DVec3, triangles: &[[Vec3; 3]], parts: &[u32], par: &Par) {
-        let Some(intervals) = self.meshes.get_mut(&tree) else { return };
+    pub fn search(
+        &mut self,
+        tree: usize,
+        origin: DVec3,
+        (triangles, parts): (&[[Vec3; 3]], &[u32]),
+        par: &Par,
+        cancel: &Cancel,
+    ) -> Result<()> {
+        let Some(intervals) = self.meshes.get_mut(&tree) else { return Ok(()) };
         // A few at a time, because each task has its own intervals.
         for (triangles, parts) in triangles.chunks(TOGETHER * CHUNK).zip(parts.chunks(TOGETHER * CHUNK)) {
             let chunks: Vec<_> = triangles.chunks(CHUNK).zip(parts.chunks(CHUNK)).collect();
             let start = &*intervals;
-            let found = par.map_items(chunks, |(triangles, parts)| start.searched(origin, triangles, parts));
-            found.into_iter().for_each(|values| intervals.join(values));
+            let found = par.map_items(chunks, |(triangles, parts)| -> Result<Vec<[f64; 2]>> {
+                cancel.check()?;
+                Ok(start.searched(origin, triangles, parts))
+            });
+            for values in found {
+                intervals.join(values?);
+            }
         }
+        Ok(())
     }
 
     /// Searches the kept triangles of a mesh that is built in chunks.
@@ -205,6 +220,21 @@ mod tests {
         InstanceRow { tree, first_part: 0, world_from_mesh: m.to_cols_array() }
     }
 
+    fn planned(meshes: &[(u64, u32)], instances: &[InstanceRow]) -> Tight {
+        Tight::plan(meshes, instances, &Cancel::new()).expect("not cancelled")
+    }
+
+    #[test]
+    fn a_cancel_ends_the_plan_and_the_search() {
+        let cancel = Cancel::new();
+        let instances = [instance(0, DAffine3::from_quat(DQuat::from_rotation_z(0.7)))];
+        let mut tight = planned(&[(1, 1)], &instances);
+        cancel.cancel();
+        assert!(Tight::plan(&[(1, 1)], &instances, &cancel).is_err());
+        let all = (&[[Vec3::ONE; 3]][..], &[0][..]);
+        assert!(tight.search(0, DVec3::ZERO, all, &Par { threads: 1 }, &cancel).is_err());
+    }
+
     /// Returns a random number in [-1, 1).
     fn next(seed: &mut u64) -> f64 {
         *seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -227,8 +257,10 @@ mod tests {
         ];
         let instances: Vec<_> = placements.iter().map(|m| instance(1, *m)).collect();
         for threads in [1, 2] {
-            let mut tight = Tight::plan(&[(0, 1), (count as u64, 3)], &instances);
-            tight.search(1, origin, &triangles, &parts, &Par { threads });
+            let cancel = Cancel::new();
+            let mut tight = Tight::plan(&[(0, 1), (count as u64, 3)], &instances, &cancel).expect("not cancelled");
+            let searched = tight.search(1, origin, (&triangles, &parts), &Par { threads }, &cancel);
+            searched.expect("not cancelled");
             for (m, part) in placements.iter().flat_map(|m| (0..3).map(move |part| (m, part))) {
                 let corners = triangles.iter().zip(&parts).filter(|(_, p)| **p == part).flat_map(|(t, _)| t);
                 let (mut expected, mut local) = (DBounds::EMPTY, DBounds::EMPTY);
@@ -247,7 +279,7 @@ mod tests {
         let plan = |triangles: &[u64], placements: &[u32]| {
             let meshes: Vec<_> = triangles.iter().map(|&n| (n, 1)).collect();
             let places = (1..).zip(placements).flat_map(|(tree, &n)| (0..n).map(move |i| instance(tree, turned(i))));
-            Tight::plan(&meshes, &places.collect::<Vec<_>>()).meshes.into_keys().collect::<Vec<_>>()
+            planned(&meshes, &places.collect::<Vec<_>>()).meshes.into_keys().collect::<Vec<_>>()
         };
         assert_eq!(plan(&[0, 100], &[12]), [1]);
         assert_eq!(plan(&[0, 100], &[13]), [] as [usize; 0]);
@@ -258,9 +290,9 @@ mod tests {
         // Equal turns count once, moves and mirrored axes do not count.
         let places = [turned(3), DAffine3::from_translation(DVec3::X) * turned(3), DAffine3::from_scale(-DVec3::ONE)];
         let instances: Vec<_> = places.iter().cycle().take(300).map(|m| instance(1, *m)).collect();
-        assert_eq!(Tight::plan(&[(0, 1), (9, 1)], &instances).meshes[&1].rows.len(), 2);
-        assert!(Tight::plan(&[(0, 1), (9, 1)], &instances[2..3]).meshes.is_empty());
+        assert_eq!(planned(&[(0, 1), (9, 1)], &instances).meshes[&1].rows.len(), 2);
+        assert!(planned(&[(0, 1), (9, 1)], &instances[2..3]).meshes.is_empty());
         // Too many intervals.
-        assert!(Tight::plan(&[(0, 1), (9, 40_000)], &instances).meshes.is_empty());
+        assert!(planned(&[(0, 1), (9, 40_000)], &instances).meshes.is_empty());
     }
 }

@@ -1,8 +1,8 @@
 //! The section table, which lists the sections behind the blocks (FORMAT.md, sections 5 and 6).
 
 use super::directory::{self, aligned};
-use super::part_sets::{self, PartSets};
-use super::sections::{self, FileRow, InstanceRow, MaterialRow, PartRow, Tables, TreeRow};
+use super::part_sets;
+use super::sections::{FileRow, InstanceRow, MaterialRow, PartRow, TreeRow};
 use crate::base::bytes::{ByteReader, Malformed, PutBytes, ensure};
 
 /// The content of a section. The numbers are those of the file. Each file has one section of each kind, in this order.
@@ -127,20 +127,4 @@ fn decode_entry(r: &mut ByteReader, kind: Kind) -> Result<Entry, Malformed> {
 /// Returns `why` with the name of the section in front.
 pub(super) fn of_section(kind: Kind, why: &Malformed) -> Malformed {
     Malformed::new(format!("section {}: {why}", kind.name()))
-}
-
-/// Returns the bytes of each section and its number of rows, in the order of [`KINDS`].
-pub(super) fn encode_sections(
-    rows: &[directory::Row],
-    tables: &Tables,
-    sets: &PartSets,
-) -> [(Vec<u8>, u64); KINDS.len()] {
-    [
-        (sections::encode(rows), rows.len() as u64),
-        (sections::encode(tables.parts), tables.parts.len() as u64),
-        (sections::encode(tables.materials), tables.materials.len() as u64),
-        (sections::encode(tables.instances), tables.instances.len() as u64),
-        (sections::encode(tables.trees), tables.trees.len() as u64),
-        (sets.encode(), sets.len() as u64),
-    ]
 }

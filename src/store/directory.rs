@@ -108,7 +108,7 @@ pub(super) fn check(rows: &[Row], block_size: u32) -> Result<u64, Malformed> {
 #[cfg(test)]
 mod tests {
     use super::super::opening::decode_rows;
-    use super::super::sections::encode;
+    use super::super::sections::encoded;
     use super::*;
 
     fn rows() -> Vec<Row> {
@@ -125,7 +125,7 @@ mod tests {
 
     #[test]
     fn a_directory_comes_back() {
-        let bytes = encode(&rows());
+        let bytes = encoded(&rows());
         assert_eq!(bytes.len(), 3 * ROW_LEN);
         assert_eq!(decode_rows(&bytes, 3), Ok(rows()));
         assert_eq!(check(&rows(), 1024), Ok(449));

@@ -1,7 +1,8 @@
 //! The parts in and below each geometry block (FORMAT.md, section 5). A scene with hidden parts derives from them which
 //! blocks it does not need.
 
-use crate::base::bytes::{ByteReader, Malformed, PutBytes, ensure, push_varint};
+use crate::base::bytes::{ByteReader, Checked, Malformed, PutBytes, ensure, push_varint};
+use crate::base::error::Result;
 
 /// Sets of local parts, one for each geometry block, in the order of the blocks.
 ///
@@ -14,6 +15,9 @@ pub struct PartSets {
     /// The parts of each set, ascending: the first one, then the differences to the one before, less 1. Varints.
     lists: Vec<u8>,
 }
+
+/// Number of bytes that are encoded at a time.
+const TOGETHER: usize = 64 << 10;
 
 /// Bytes of a row of the section: the end of a set.
 pub(super) const ROW_LEN: usize = 4;
@@ -35,7 +39,7 @@ impl PartSets {
     }
 
     /// Adds a set of parts, which ascend without repetition. Fails if the sets take more than 4 GiB.
-    pub fn push(&mut self, parts: impl IntoIterator<Item = u32>) -> Result<(), Malformed> {
+    pub fn push(&mut self, parts: impl IntoIterator<Item = u32>) -> Checked<()> {
         let mut next = 0u32;
         for part in parts {
             push_varint(&mut self.lists, part.wrapping_sub(next));
@@ -45,7 +49,7 @@ impl PartSets {
     }
 
     /// Adds all sets of `other`.
-    pub fn append(&mut self, other: &Self) -> Result<(), Malformed> {
+    pub fn append(&mut self, other: &Self) -> Checked<()> {
         let mut start = 0;
         for &end in &other.ends {
             self.lists.extend_from_slice(&other.lists[start..end as usize]);
@@ -55,7 +59,7 @@ impl PartSets {
         Ok(())
     }
 
-    fn end(&mut self) -> Result<(), Malformed> {
+    fn end(&mut self) -> Checked<()> {
         let end = u32::try_from(self.lists.len()).map_err(|_| Malformed::new("the lists of parts are too long"))?;
         self.ends.push(end);
         Ok(())
@@ -68,16 +72,19 @@ impl PartSets {
         Parts { bytes: self.lists.get(start..end).unwrap_or_default(), next: 0 }
     }
 
-    /// Returns the bytes of the section: a row for each set, then the lists.
-    pub(super) fn encode(&self) -> Vec<u8> {
-        let mut out = Vec::with_capacity(ROW_LEN * self.ends.len() + self.lists.len());
-        self.ends.iter().for_each(|&end| out.put_u32(end));
-        out.put_bytes(&self.lists);
-        out
+    /// Calls `take` with the bytes of the section, some at a time: a row for each set, then the lists.
+    pub(super) fn encode(&self, take: &mut dyn FnMut(&[u8]) -> Result<()>) -> Result<()> {
+        let mut out = Vec::new();
+        for some in self.ends.chunks(TOGETHER / ROW_LEN) {
+            out.clear();
+            some.iter().for_each(|&end| out.put_u32(end));
+            take(&out)?;
+        }
+        self.lists.chunks(TOGETHER).try_for_each(take)
     }
 
     /// Reads a section of `count` sets; `most` returns the number of local parts that block `index` may refer to.
-    pub(super) fn decode(bytes: &[u8], count: u64, most: impl Fn(usize) -> u32) -> Result<Self, Malformed> {
+    pub(super) fn decode(bytes: &[u8], count: u64, most: impl Fn(usize) -> u32) -> Checked<Self> {
         let rows_len = usize::try_from(count).ok().and_then(|n| n.checked_mul(ROW_LEN));
         let (rows, lists) =
             rows_len.and_then(|n| bytes.split_at_checked(n)).ok_or(Malformed::new("unexpected end of data"))?;
@@ -155,6 +162,16 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    fn encoded(sets: &PartSets) -> Vec<u8> {
+        let mut all = Vec::new();
+        let taken = sets.encode(&mut |some| {
+            all.extend_from_slice(some);
+            Ok(())
+        });
+        taken.expect("memory");
+        all
+    }
+
     fn sets(all: &[Vec<u32>]) -> PartSets {
         let mut sets = PartSets::default();
         all.iter().for_each(|set| sets.push(set.iter().copied()).expect("small"));
@@ -166,7 +183,7 @@ mod tests {
         fn sets_come_back(all in prop::collection::vec(prop::collection::btree_set(any::<u32>(), 0..20), 0..20)) {
             let all: Vec<Vec<u32>> = all.into_iter().map(|set| set.into_iter().filter(|&p| p < u32::MAX).collect()).collect();
             let own = sets(&all);
-            let back = PartSets::decode(&own.encode(), all.len() as u64, |_| u32::MAX).expect("sound");
+            let back = PartSets::decode(&encoded(&own), all.len() as u64, |_| u32::MAX).expect("sound");
             prop_assert_eq!(&back, &own);
             for (i, set) in all.iter().enumerate() {
                 prop_assert_eq!(&back.of(i).collect::<Vec<_>>(), set);
@@ -179,7 +196,7 @@ mod tests {
         #[test]
         fn damage_is_refused_or_harmless(bytes in prop::collection::vec(any::<u8>(), 0..40), count in 0u64..8) {
             if let Ok(sets) = PartSets::decode(&bytes, count, |_| 100) {
-                prop_assert_eq!(sets.encode(), bytes);
+                prop_assert_eq!(encoded(&sets), bytes);
                 prop_assert!((0..sets.len()).all(|i| sets.of(i).all(|part| part < 100)));
             }
         }
@@ -187,7 +204,7 @@ mod tests {
 
     #[test]
     fn parts_that_a_tree_lacks_are_refused() {
-        let bytes = sets(&[vec![0, 5], vec![7]]).encode();
+        let bytes = encoded(&sets(&[vec![0, 5], vec![7]]));
         assert!(PartSets::decode(&bytes, 2, |_| 8).is_ok());
         assert!(PartSets::decode(&bytes, 2, |i| if i == 0 { 8 } else { 7 }).is_err());
         assert!(PartSets::decode(&bytes, 2, |i| if i == 0 { 5 } else { 8 }).is_err());

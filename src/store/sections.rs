@@ -4,6 +4,7 @@
 
 use super::header::Header;
 use crate::base::bytes::{ByteReader, Checked, Malformed, PutBytes, ensure};
+use crate::base::error::Result;
 
 /// Bounds that contain nothing: +infinity thrice, then -infinity thrice.
 pub const EMPTY_BOUNDS: [f64; 6] = {
@@ -263,14 +264,36 @@ pub(super) trait FileRow: Sized {
     }
 }
 
-/// Returns the bytes of a section: all rows, then all texts.
-pub(super) fn encode<T: FileRow>(rows: &[T]) -> Vec<u8> {
-    let texts: usize = rows.iter().map(|row| row.text().len()).sum();
-    let mut out = Vec::with_capacity(rows.len() * T::LEN + texts);
-    rows.iter().for_each(|row| row.encode(&mut out));
-    debug_assert_eq!(out.len(), rows.len() * T::LEN);
-    rows.iter().for_each(|row| out.put_bytes(row.text().as_bytes()));
-    out
+/// Number of rows, or of texts, that are encoded at a time.
+const TOGETHER: usize = 1024;
+
+/// Calls `take` with the bytes of a section, some at a time: those of all rows, then all texts.
+pub(super) fn encode<T: FileRow>(rows: &[T], take: &mut dyn FnMut(&[u8]) -> Result<()>) -> Result<()> {
+    let mut out = Vec::new();
+    for some in rows.chunks(TOGETHER) {
+        out.clear();
+        some.iter().for_each(|row| row.encode(&mut out));
+        debug_assert_eq!(out.len(), some.len() * T::LEN);
+        take(&out)?;
+    }
+    for some in rows.chunks(TOGETHER) {
+        out.clear();
+        some.iter().for_each(|row| out.put_bytes(row.text().as_bytes()));
+        take(&out)?;
+    }
+    Ok(())
+}
+
+/// Returns the bytes of a section.
+#[cfg(test)]
+pub(super) fn encoded<T: FileRow>(rows: &[T]) -> Vec<u8> {
+    let mut all = Vec::new();
+    let taken = encode(rows, &mut |some| {
+        all.extend_from_slice(some);
+        Ok(())
+    });
+    taken.expect("memory");
+    all
 }
 
 /// A row without a text.

@@ -57,7 +57,7 @@ impl Sample {
 }
 
 fn roundtrip<T: PlainRow + PartialEq + std::fmt::Debug>(rows: &[T]) {
-    let bytes = encode(rows);
+    let bytes = encoded(rows);
     let count = rows.len() as u64;
     assert_eq!(decode_rows::<T>(&bytes, count).unwrap(), rows);
     for len in 0..bytes.len() {
@@ -87,7 +87,7 @@ fn rows_come_back_and_sizes_are_exact() {
 #[test]
 fn parts_come_back_in_any_pieces() {
     let sample = Sample::new();
-    let bytes = encode(&sample.parts);
+    let bytes = encoded(&sample.parts);
     for piece in [1, 2, 3, 5, 100] {
         let parts = parts_of(&bytes, 3, piece).unwrap();
         assert_eq!(parts.to_rows(), sample.parts);
@@ -102,7 +102,7 @@ fn parts_come_back_in_any_pieces() {
 fn parts_are_found_by_their_ids() {
     for ids in [[3, 7, 7, 9], [9, 7, 3, 7], [0, 0, u64::MAX, 1], [5; 4]] {
         let rows = ids.map(|id| PartRow { id, ..part("", None) });
-        let parts = parts_of(&encode(&rows), 4, 1).unwrap();
+        let parts = parts_of(&encoded(&rows), 4, 1).unwrap();
         for id in (0..11).chain([u64::MAX]) {
             let first = ids.iter().position(|&other| other == id).map(|i| i as u32);
             assert_eq!(parts.index_of(id), first, "{id} in {ids:?}");
@@ -113,17 +113,17 @@ fn parts_are_found_by_their_ids() {
 
 #[test]
 fn characters_nul_in_names_are_left_out() {
-    let parts = parts_of(&encode(&[part("a\0b", None), part("\0", None), part("c", None)]), 3, 2).unwrap();
+    let parts = parts_of(&encoded(&[part("a\0b", None), part("\0", None), part("c", None)]), 3, 2).unwrap();
     assert_eq!([0, 1, 2].map(|i| parts.get(i).unwrap().name), ["ab", "", "c"]);
 }
 
 #[test]
 fn names_must_be_utf8() {
-    let mut bytes = encode(&[part("ab", None)]);
+    let mut bytes = encoded(&[part("ab", None)]);
     *bytes.last_mut().unwrap() = 0xff;
     assert!(parts_of(&bytes, 1, 9).is_err());
     // Two names that are valid only as one.
-    let halves = encode(&[part("x", None), part("y", None)]);
+    let halves = encoded(&[part("x", None), part("y", None)]);
     let mut halves = halves[..halves.len() - 2].to_vec();
     halves.extend("ä".as_bytes());
     assert!(parts_of(&halves, 2, 9).is_err());

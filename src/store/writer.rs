@@ -1,20 +1,21 @@
 //! Writing a model file from front to back.
 
 use super::codec::EncodedBlock;
-use super::contents::{self, Entry, KINDS};
+use super::contents::{self, Entry, KINDS, Kind};
 use super::directory::{self, Row, aligned};
 use super::header::{self, FOOTER_LEN, Frame, HEADER_LEN, Header};
 use super::part_sets::PartSets;
-use super::sections::{InstanceRow, MaterialRow, PartRow, Tables, TreeRow};
+use super::sections::{self, InstanceRow, MaterialRow, PartRow, Tables, TreeRow};
 use crate::base::bytes::Malformed;
 use crate::base::error::{Error, Result};
 use crate::base::ids::BlockId;
 use crate::base::inputs::Inputs;
 use crate::base::memory;
 use crate::base::output::{Medium, OutputFile};
+use crate::base::progress::Cancel;
 use crate::base::quota::Quota;
 use std::path::Path;
-use xxhash_rust::xxh3::xxh3_64;
+use xxhash_rust::xxh3::{Xxh3, xxh3_64};
 
 /// Number of bytes written at once: large enough that the disk receives long sequential writes.
 const BUFFER_LEN: usize = 1 << 20;
@@ -30,6 +31,7 @@ pub struct Writer {
     at: u64,
     rows: Vec<Row>,
     part_sets: PartSets,
+    cancel: Cancel,
     failed: bool,
 }
 
@@ -50,8 +52,8 @@ impl Writer {
 
     fn through(medium: Box<dyn Medium>) -> Result<Self> {
         let buffer = memory::room(BUFFER_LEN, "writing a model")?;
-        let (rows, part_sets) = (Vec::new(), PartSets::default());
-        let mut writer = Self { medium, buffer, at: 0, rows, part_sets, failed: false };
+        let (rows, part_sets, cancel) = (Vec::new(), PartSets::default(), Cancel::new());
+        let mut writer = Self { medium, buffer, at: 0, rows, part_sets, cancel, failed: false };
         // The content of the header is known last. Until then the file begins with zeros and is not a valid model.
         writer.append(&[0; HEADER_LEN])?;
         Ok(writer)
@@ -79,6 +81,11 @@ impl Writer {
     /// Sets the parts of all geometry blocks. Without this call the model has none.
     pub fn set_part_sets(&mut self, sets: PartSets) {
         self.part_sets = sets;
+    }
+
+    /// Makes [`Writer::finish`] fail with [`Error::Cancelled`] once this is cancelled.
+    pub fn stop_with(&mut self, cancel: &Cancel) {
+        self.cancel = cancel.clone();
     }
 
     /// Number of bytes of the file so far.
@@ -128,18 +135,27 @@ impl Writer {
         }
         directory::check(&self.rows, header.block_size).map_err(refuse)?;
         self.write_sections(header, &tables)?;
+        self.cancel.check()?;
         self.medium.publish()?;
         Ok(self.at)
     }
 
     fn write_sections(&mut self, header: &Header, tables: &Tables) -> Result<()> {
+        let (rows, sets) = (std::mem::take(&mut self.rows), std::mem::take(&mut self.part_sets));
         let mut entries = Vec::with_capacity(KINDS.len());
-        for (kind, (bytes, count)) in
-            KINDS.into_iter().zip(contents::encode_sections(&self.rows, tables, &self.part_sets))
-        {
-            self.pad()?;
-            entries.push(Entry { kind, count, offset: self.at, len: bytes.len() as u64, checksum: xxh3_64(&bytes) });
-            self.append(&bytes)?;
+        for kind in KINDS {
+            entries.push(match kind {
+                Kind::Directory => self.section(kind, rows.len(), |take| sections::encode(&rows, take)),
+                Kind::Parts => self.section(kind, tables.parts.len(), |take| sections::encode(tables.parts, take)),
+                Kind::Materials => {
+                    self.section(kind, tables.materials.len(), |take| sections::encode(tables.materials, take))
+                }
+                Kind::Assembly => {
+                    self.section(kind, tables.instances.len(), |take| sections::encode(tables.instances, take))
+                }
+                Kind::Trees => self.section(kind, tables.trees.len(), |take| sections::encode(tables.trees, take)),
+                Kind::PartSets => self.section(kind, sets.len(), |take| sets.encode(take)),
+            }?);
         }
         self.pad()?;
         let table = contents::encode(&entries);
@@ -148,13 +164,30 @@ impl Writer {
             table_at: self.at,
             table_checksum: xxh3_64(&table),
             sections: KINDS.len() as u32,
-            blocks: self.rows.len() as u32,
+            blocks: rows.len() as u32,
         };
         let head = header::encode(header, &frame);
         self.append(&table)?;
         self.append(&header::encode_footer(frame.file_len, &head))?;
         self.flush()?;
         self.medium.overwrite_start(&head)
+    }
+
+    /// Appends a section of `count` rows, whose bytes `encode` makes some at a time. Fails once cancelled.
+    fn section(
+        &mut self,
+        kind: Kind,
+        count: usize,
+        encode: impl FnOnce(&mut dyn FnMut(&[u8]) -> Result<()>) -> Result<()>,
+    ) -> Result<Entry> {
+        self.pad()?;
+        let (offset, mut hash) = (self.at, Xxh3::new());
+        encode(&mut |some| {
+            self.cancel.check()?;
+            hash.update(some);
+            self.append(some)
+        })?;
+        Ok(Entry { kind, count: count as u64, offset, len: self.at - offset, checksum: hash.digest() })
     }
 
     /// Appends zeros up to the next offset at which a block or a section may begin.

@@ -110,3 +110,28 @@ fn a_model_that_could_not_be_opened_is_not_written() {
     assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 0);
     writer().finish(&Header::default(), &[], &[], &[], &[]).unwrap();
 }
+
+/// Sections of any length end at the next rows once the work is cancelled.
+#[test]
+fn a_cancel_ends_the_sections_and_leaves_the_old_file() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("model.oc");
+    fs::write(&path, "old").unwrap();
+    let (mut writer, cancel) = (Writer::create(&path).unwrap(), Cancel::new());
+    writer.stop_with(&cancel);
+    let mut pieces = 0;
+    let section = writer.section(Kind::Parts, 5, |take| {
+        (0..5u8).try_for_each(|i| {
+            pieces += 1;
+            take(&[i])?;
+            if i == 2 {
+                cancel.cancel();
+            }
+            Ok(())
+        })
+    });
+    assert!(matches!(section, Err(Error::Cancelled)) && pieces == 4, "{pieces}");
+    assert!(matches!(writer.finish(&Header::default(), &[], &[], &[], &[]), Err(Error::Cancelled)));
+    assert_eq!(fs::read(&path).unwrap(), b"old");
+    assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 1);
+}

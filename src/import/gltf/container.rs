@@ -1,6 +1,6 @@
 //! The JSON document and the binary chunk of a GLB.
 
-use super::model::Model;
+use super::model::{Model, Node};
 use super::{parse, repair};
 use crate::base::account::Claim;
 use crate::base::error::{Error, Place, Result};
@@ -21,6 +21,9 @@ pub(crate) struct Document {
     _claim: Claim,
 }
 
+/// Number of bytes of the JSON that are read, or examined, at once.
+const PIECE: usize = 4 << 20;
+
 const GLB_HEADER: u64 = 12;
 const CHUNK_HEADER: u64 = 8;
 
@@ -35,10 +38,18 @@ pub(crate) fn read(input: &mut Input, mut claim: Claim, cancel: &Cancel) -> Resu
         return Err(too_large(&claim, input));
     }
     let mut text = vec![0; json.1 as usize];
-    if !input.read_range(json.0, &mut text)? {
-        return Err(input.fault("the file ends inside its JSON"));
+    for (i, piece) in text.chunks_mut(PIECE).enumerate() {
+        cancel.check()?;
+        if !input.read_range(json.0 + (i * PIECE) as u64, piece)? {
+            return Err(input.fault("the file ends inside its JSON"));
+        }
     }
-    if !claim.grow(parsed_bytes(&text)) {
+    let mut parsed = 0;
+    for piece in text.chunks(PIECE) {
+        cancel.check()?;
+        parsed += parsed_bytes(piece);
+    }
+    if !claim.grow(parsed) {
         return Err(too_large(&claim, input));
     }
     let trimmed = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&text);
@@ -52,24 +63,21 @@ pub(crate) fn read(input: &mut Input, mut claim: Claim, cancel: &Cancel) -> Resu
     };
     let fail = |e| Error::parse(input.path(), place(&e), format!("not valid JSON: {e}"));
     let mut is_repaired = false;
-    let parsed = parse::value(&decoded, cancel).or_else(|e| {
+    let parsed = parse::document(&decoded, cancel).or_else(|e| {
         is_repaired = claim.grow(json.1);
         let text = if is_repaired { repair::repaired(&decoded) } else { None };
-        text.and_then(|text| parse::value(&text, cancel).ok()).ok_or(e)
+        text.and_then(|text| parse::document(&text, cancel).ok()).ok_or(e)
     });
     cancel.check()?;
-    let mut value = parsed.map_err(fail)?;
+    let (model, rest) = parsed.map_err(fail)?;
     let has_other_texts = matches!(decoded, std::borrow::Cow::Owned(_));
-    drop(decoded);
-    drop(text);
-    is_gltf_2(&value).map_err(|why| Error::parse(input.path(), Place::File, why))?;
-    Ok(Document { model: Model::take(&mut value, cancel)?, binary, has_other_texts, is_repaired, _claim: claim })
+    is_gltf_2(&rest).map_err(|why| Error::parse(input.path(), Place::File, why))?;
+    Ok(Document { model, binary, has_other_texts, is_repaired, _claim: claim })
 }
 
-/// Returns the approximate memory of parsed JSON: an object is a tree whose first node has room for eleven members, a
-/// list has room for four values.
+/// Returns the greatest memory of the model of a document, about: a node takes more than any other object.
 fn parsed_bytes(text: &[u8]) -> u64 {
-    let (object, list, value) = (650, 128, 48);
+    let (object, list, value) = (size_of::<Node>() as u64 * 9 / 8 + 64, 32, 24);
     let brackets = memchr::memchr3_iter(b'{', b'[', b',', text);
     brackets.map(|at| [object, list, value][usize::from(text[at] == b'[') + 2 * usize::from(text[at] == b',')]).sum()
 }

@@ -41,6 +41,7 @@ use super::input::{Fault, Input, Parsed};
 use super::texture;
 use super::{MeshKey, PartDesc, PartKey, Sink, UpAxis};
 use crate::base::error::{Place, Result};
+use crate::base::progress::Cancel;
 use buffers::Buffers;
 use glam::{DAffine3, DVec3};
 use materials::Materials;
@@ -105,9 +106,10 @@ impl<'a> Reader<'a> {
     fn read(&mut self, sink: &mut dyn Sink) -> Parsed<()> {
         let parts = self.declare(sink)?;
         self.find_instances()?;
-        let places = self.shared_places(&parts)?;
+        let places = self.shared_places(&parts, sink.cancel())?;
         let mut is_shown = HashSet::new();
         for (i, placed) in self.placed.iter().enumerate() {
+            sink.cancel().check()?;
             let Some(mesh) = placed.mesh else { continue };
             let shared = places.get(&mesh).filter(|places| places.len() > 1);
             let shared = if self.has_own_pose(placed)? { None } else { shared };
@@ -186,9 +188,10 @@ impl<'a> Reader<'a> {
     }
 
     /// Returns, for each mesh with triangles, the places where an instance can show it.
-    fn shared_places(&self, parts: &[PartKey]) -> Parsed<HashMap<usize, Places>> {
+    fn shared_places(&self, parts: &[PartKey], cancel: &Cancel) -> Parsed<HashMap<usize, Places>> {
         let mut all: HashMap<usize, Places> = HashMap::new();
         for (i, placed) in self.placed.iter().enumerate() {
+            cancel.check()?;
             let Some(index) = placed.mesh else { continue };
             let mesh = self.model.meshes.get(index)?;
             if self.has_own_pose(placed)? || !mesh.primitives.iter().flatten().any(Primitive::has_area) {
@@ -250,6 +253,7 @@ impl<'a> Reader<'a> {
         self.mesh(index, Target { mesh: key, first_part: 0, world: None }, &pose, sink)?;
         self.emitter.flush(sink)?;
         for &(world, first) in places {
+            sink.cancel().check()?;
             sink.instance(key, world, first)?;
         }
         Ok(())
@@ -270,8 +274,8 @@ impl<'a> Reader<'a> {
         for text in self.emitter.notes.texts() {
             sink.note(format!("{file}: {text}"));
         }
-        if self.model.animations > 0 {
-            sink.note(format!("{file}: {} animations were ignored", self.model.animations));
+        if self.model.animations.len() > 0 {
+            sink.note(format!("{file}: {} animations were ignored", self.model.animations.len()));
         }
         if self.emitter.is_empty() {
             sink.note(format!("{file}: no triangles; the model is empty"));

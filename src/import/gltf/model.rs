@@ -7,8 +7,6 @@
 
 use super::json::{self, Read};
 use super::texture::Wrap;
-use crate::base::error::Error;
-use crate::base::progress::Cancel;
 use crate::import::input::Parsed;
 use glam::{DAffine3, DMat3, DQuat, DVec3, Vec2};
 use serde_json::Value;
@@ -29,8 +27,8 @@ pub(crate) struct Model {
     pub(crate) textures: List<Texture>,
     pub(crate) samplers: List<[Wrap; 2]>,
     pub(crate) images: List<Image>,
-    /// Number of animations.
-    pub(crate) animations: usize,
+    /// Animations, which are only counted.
+    pub(crate) animations: List<()>,
     pub(crate) extensions_required: Vec<Box<str>>,
     /// The point that all positions are relative to, of `CESIUM_RTC`.
     pub(crate) center: Option<DVec3>,
@@ -39,28 +37,35 @@ pub(crate) struct Model {
 /// The objects of one of the document's lists. A malformed one is kept as the reason.
 pub(crate) struct List<T> {
     name: &'static str,
+    read: fn(&Value) -> Read<T>,
     items: Vec<Result<T, Box<str>>>,
 }
 
-impl<T> List<T> {
-    /// Takes a list out of the document. A missing list is empty.
-    fn take(
-        root: &mut Value,
-        name: &'static str,
-        cancel: &Cancel,
-        read: impl Fn(&Value) -> Read<T>,
-    ) -> Result<Self, Error> {
-        let items = match root.get_mut(name).map(Value::take) {
-            Some(Value::Array(items)) => items,
-            _ => Vec::new(),
-        };
-        let mut list = Vec::with_capacity(items.len());
-        // Each value is dropped as soon as it was read.
-        for value in items {
-            cancel.check()?;
-            list.push(read(&value).map_err(String::into_boxed_str));
+/// A list that is being read.
+pub(crate) trait Items {
+    /// Removes all objects: if the document has a list twice, the second one counts.
+    fn clear(&mut self);
+    /// Adds an object.
+    fn push(&mut self, value: &Value);
+}
+
+impl<T> Items for List<T> {
+    fn clear(&mut self) {
+        self.items.clear();
+    }
+
+    fn push(&mut self, value: &Value) {
+        if self.items.len() == self.items.capacity() {
+            // Little of the memory of a long list is unused.
+            self.items.reserve_exact((self.items.len() / 8).max(8));
         }
-        Ok(Self { name, items: list })
+        self.items.push((self.read)(value).map_err(String::into_boxed_str));
+    }
+}
+
+impl<T> List<T> {
+    fn new(name: &'static str, read: fn(&Value) -> Read<T>) -> Self {
+        Self { name, read, items: Vec::new() }
     }
 
     pub(crate) fn len(&self) -> usize {
@@ -69,7 +74,7 @@ impl<T> List<T> {
 
     /// Returns object `index`, or an error that names it.
     pub(crate) fn get(&self, index: usize) -> Parsed<&T> {
-        let Self { name, items } = self;
+        let Self { name, items, .. } = self;
         match items.get(index) {
             Some(Ok(item)) => Ok(item),
             Some(Err(why)) => Err(format!("{name}[{index}]: {why}").into()),
@@ -227,31 +232,72 @@ pub(crate) struct Image {
 }
 
 impl Model {
-    /// Takes all used objects out of a document.
-    pub(crate) fn take(root: &mut Value, cancel: &Cancel) -> Result<Self, Error> {
+    /// A model of a document without objects.
+    pub(crate) fn new() -> Self {
+        Self {
+            scene: None,
+            scenes: List::new("scenes", |v| json::indices(v, "nodes")),
+            nodes: List::new("nodes", node),
+            meshes: List::new("meshes", |v| Ok(mesh(v))),
+            skins: List::new("skins", skin),
+            accessors: List::new("accessors", accessor),
+            views: List::new("bufferViews", view),
+            buffers: List::new("buffers", buffer),
+            materials: List::new("materials", |v| Ok(material(v))),
+            textures: List::new("textures", |v| Ok(texture(v))),
+            samplers: List::new("samplers", |v| Ok([wrap(v, "wrapS"), wrap(v, "wrapT")])),
+            images: List::new("images", image),
+            animations: List::new("animations", |_| Ok(())),
+            extensions_required: Vec::new(),
+            center: None,
+        }
+    }
+
+    /// Returns the list with this name in the document, if it is used.
+    pub(crate) fn list(&mut self, name: &str) -> Option<&mut dyn Items> {
+        let lists: [&mut dyn Items; 12] = [
+            &mut self.scenes,
+            &mut self.nodes,
+            &mut self.meshes,
+            &mut self.skins,
+            &mut self.accessors,
+            &mut self.views,
+            &mut self.buffers,
+            &mut self.materials,
+            &mut self.textures,
+            &mut self.samplers,
+            &mut self.images,
+            &mut self.animations,
+        ];
+        LISTS.iter().zip(lists).find(|(known, _)| **known == name).map(|(_, list)| list)
+    }
+
+    /// Reads the members of the document that are no lists of objects.
+    pub(crate) fn read_rest(&mut self, root: &Value) {
         let texts = json::items(root, "extensionsRequired").iter().filter_map(Value::as_str);
-        let extensions_required = texts.map(Box::from).collect();
-        Ok(Self {
-            scene: json::index(root, "scene").unwrap_or(None),
-            animations: json::items(root, "animations").len(),
-            extensions_required,
-            center: json::extension(root, "CESIUM_RTC")
-                .and_then(|rtc| json::numbers::<3>(rtc, "center").ok().flatten())
-                .map(DVec3::from),
-            scenes: List::take(root, "scenes", cancel, |v| json::indices(v, "nodes"))?,
-            nodes: List::take(root, "nodes", cancel, node)?,
-            meshes: List::take(root, "meshes", cancel, |v| Ok(mesh(v)))?,
-            skins: List::take(root, "skins", cancel, skin)?,
-            accessors: List::take(root, "accessors", cancel, accessor)?,
-            views: List::take(root, "bufferViews", cancel, view)?,
-            buffers: List::take(root, "buffers", cancel, buffer)?,
-            materials: List::take(root, "materials", cancel, |v| Ok(material(v)))?,
-            textures: List::take(root, "textures", cancel, |v| Ok(texture(v)))?,
-            samplers: List::take(root, "samplers", cancel, |v| Ok([wrap(v, "wrapS"), wrap(v, "wrapT")]))?,
-            images: List::take(root, "images", cancel, image)?,
-        })
+        self.extensions_required = texts.map(Box::from).collect();
+        self.scene = json::index(root, "scene").unwrap_or(None);
+        let center =
+            json::extension(root, "CESIUM_RTC").and_then(|rtc| json::numbers::<3>(rtc, "center").ok().flatten());
+        self.center = center.map(DVec3::from);
     }
 }
+
+/// Names of the lists, in the order of [`Model::list`].
+const LISTS: [&str; 12] = [
+    "scenes",
+    "nodes",
+    "meshes",
+    "skins",
+    "accessors",
+    "bufferViews",
+    "buffers",
+    "materials",
+    "textures",
+    "samplers",
+    "images",
+    "animations",
+];
 
 impl Model {
     /// The transform of root nodes to the world.

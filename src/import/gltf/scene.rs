@@ -57,8 +57,9 @@ pub(crate) fn placed(model: &Model, notes: &mut Notes, cancel: &Cancel) -> Parse
     for (index, _) in model.nodes.iter().filter(|(index, node)| !seen[*index] && node.mesh.is_some()) {
         notes.add("nodes with meshes are not in the scene and were left out", || format!("nodes[{index}]"));
     }
-    let all = with_meshes(all);
+    let all = with_meshes(all, cancel)?;
     for placed in &all {
+        cancel.check()?;
         if let Err(why) = &model.nodes.get(placed.node)?.local {
             return Err(format!("nodes[{}]: {why}", placed.node).into());
         }
@@ -132,8 +133,9 @@ impl<'m> Worlds<'m> {
 }
 
 /// Removes nodes without a mesh in their subtree, such as cameras, lights and bones.
-fn with_meshes(mut all: Vec<Placed>) -> Vec<Placed> {
+fn with_meshes(mut all: Vec<Placed>, cancel: &Cancel) -> Parsed<Vec<Placed>> {
     for i in (0..all.len()).rev() {
+        cancel.check()?;
         if let (true, Some(parent)) = (all[i].holds_mesh, all[i].parent) {
             all[parent].holds_mesh = true;
         }
@@ -141,13 +143,14 @@ fn with_meshes(mut all: Vec<Placed>) -> Vec<Placed> {
     let mut index = vec![0; all.len()];
     let mut kept: Vec<Placed> = Vec::new();
     for (i, mut placed) in all.into_iter().enumerate() {
+        cancel.check()?;
         if placed.holds_mesh {
             placed.parent = placed.parent.map(|p| index[p]);
             index[i] = kept.len();
             kept.push(placed);
         }
     }
-    kept
+    Ok(kept)
 }
 
 /// True if a transform has an inverse accurate enough for rays: it is finite, no axis is scaled to less than a

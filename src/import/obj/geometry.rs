@@ -33,6 +33,9 @@ const SILENT: [&[u8]; 15] = [
     b"shadow_obj",
 ];
 
+/// Number of corners of a face between two checks for a cancel.
+const CORNERS: usize = 1 << 16;
+
 struct Reader<'a, 'f> {
     parts: &'a mut Parts<'f>,
     positions: Vec<[f64; 3]>,
@@ -194,6 +197,9 @@ impl Reader<'_, '_> {
         text::word(&mut rest);
         self.corners.clear();
         while let Some(word) = text::word(&mut rest) {
+            if self.corners.len() % CORNERS == CORNERS - 1 {
+                sink.cancel().check()?;
+            }
             match self.corner(word) {
                 Ok(corner) => self.corners.push(corner),
                 Err(fault) => {

@@ -53,15 +53,13 @@ pub(crate) fn declare<'a>(
 ) -> Result<Parts<'a>> {
     let mut libraries = Libraries::default();
     for library in &survey.libraries.items {
+        sink.cancel().check()?;
         libraries.read(path, library, files, sink)?;
     }
     let mut textures = Textures::new(files);
     let looks = materials(path, survey, &libraries, &mut textures, sink)?;
     textures.note(path, sink);
-    let mut of_group: Vec<Vec<usize>> = vec![Vec::new(); survey.groups.items.len()];
-    for (i, &(group, _)) in survey.uses.items.iter().enumerate() {
-        of_group[group as usize].push(i);
-    }
+    let of_group = ByGroup::of(survey);
     let mut declaration = Declaration { survey, looks, of_group, objects: HashMap::new() };
     let plain = Target { part: 0, colour: MaterialDesc::default().colour, texture: None };
     let mut uses = vec![plain; survey.uses.items.len()];
@@ -72,13 +70,40 @@ pub(crate) fn declare<'a>(
     Ok(Parts { uses, runs: survey.runs.clone(), textures })
 }
 
+/// Combinations of a group and a material by group, as indices into `survey.uses`.
+struct ByGroup {
+    uses: Vec<u32>,
+    /// The place in `uses` at which the uses of each group begin, and the end of the last.
+    begins: Vec<u32>,
+}
+
+impl ByGroup {
+    fn of(survey: &Survey) -> Self {
+        let all = &survey.uses.items;
+        let (mut uses, mut begins) = (vec![0; all.len()], vec![0; survey.groups.items.len() + 2]);
+        // The begin of group `g` is counted at `g + 2`, so that it is at `g + 1` before and at `g` after the uses of
+        // `g` were placed.
+        all.iter().for_each(|use_| begins[use_.0 as usize + 2] += 1);
+        (1..begins.len()).for_each(|i| begins[i] += begins[i - 1]);
+        for (i, &(group, _)) in all.iter().enumerate() {
+            let next: &mut u32 = &mut begins[group as usize + 1];
+            uses[*next as usize] = i as u32;
+            *next += 1;
+        }
+        Self { uses, begins }
+    }
+
+    fn group(&self, group: usize) -> &[u32] {
+        &self.uses[self.begins[group] as usize..self.begins[group + 1] as usize]
+    }
+}
+
 /// State while the parts are declared.
 struct Declaration<'a> {
     survey: &'a Survey,
     /// Keys and colours of the defined materials, by the index of their name.
     looks: HashMap<u32, Looks>,
-    /// Combinations of each group, as indices into `survey.uses`.
-    of_group: Vec<Vec<usize>>,
+    of_group: ByGroup,
     /// Parts of the objects that were declared so far.
     objects: HashMap<u32, PartKey>,
 }
@@ -88,13 +113,13 @@ impl Declaration<'_> {
         text::name(&self.survey.names.items[index as usize])
     }
 
-    fn look(&self, used: usize) -> Option<Looks> {
-        self.looks.get(&self.survey.uses.items[used].1?).copied()
+    fn look(&self, used: u32) -> Option<Looks> {
+        self.looks.get(&self.survey.uses.items[used as usize].1?).copied()
     }
 
     /// Returns the material of a group that uses only one.
     fn only_material(&self, group: usize) -> Option<MaterialKey> {
-        match self.of_group[group][..] {
+        match *self.of_group.group(group) {
             [one] => self.look(one).map(|l| l.key),
             _ => None,
         }
@@ -111,10 +136,10 @@ impl Declaration<'_> {
                 sink.part(PartDesc { name, parent, material: self.only_material(group), id: None })?
             }
         };
-        let uses = &self.of_group[group];
+        let uses = self.of_group.group(group);
         for &used in uses {
             let look = self.look(used);
-            let material = look.map(|l| l.key);
+            let (material, used) = (look.map(|l| l.key), used as usize);
             targets[used].part = part;
             if let Some(Looks { colour, texture, .. }) = look {
                 (targets[used].colour, targets[used].texture) = (colour, texture);

@@ -7,28 +7,40 @@ use crate::import::Sink;
 use crate::import::input::Input;
 use crate::import::text;
 use std::collections::HashMap;
-use std::hash::Hash;
+use std::hash::{BuildHasher, Hash, RandomState};
+use std::rc::Rc;
 
 /// Distinct values in the order of their first occurrence.
 pub(crate) struct Ordered<T> {
-    index: HashMap<T, u32>,
+    /// The indices of the values, in [`TABLES`] tables: one that grows is hashed again as a whole, which takes too long
+    /// for a million values.
+    index: Vec<HashMap<T, u32>>,
+    hasher: RandomState,
     pub(crate) items: Vec<T>,
 }
 
+const TABLES: usize = 64;
+
 impl<T: Clone + Eq + Hash> Ordered<T> {
     fn new() -> Self {
-        Self { index: HashMap::new(), items: Vec::new() }
+        let index = (0..TABLES).map(|_| HashMap::new()).collect();
+        Self { index, hasher: RandomState::new(), items: Vec::new() }
+    }
+
+    fn table(&self, item: &T) -> usize {
+        self.hasher.hash_one(item) as usize % TABLES
     }
 
     /// Returns the index of a value that was added before.
     pub(crate) fn find(&self, item: &T) -> Option<u32> {
-        self.index.get(item).copied()
+        self.index[self.table(item)].get(item).copied()
     }
 
+    /// Returns the index of a value, which is added if it is new.
     fn place(&mut self, item: T) -> u32 {
-        let next = self.items.len() as u32;
+        let (next, table) = (self.items.len() as u32, self.table(&item));
         let items = &mut self.items;
-        *self.index.entry(item).or_insert_with_key(|item| {
+        *self.index[table].entry(item).or_insert_with_key(|item| {
             items.push(item.clone());
             next
         })
@@ -41,7 +53,7 @@ pub(crate) type Group = (Option<u32>, Option<u32>);
 /// Objects, groups and materials of a file's faces.
 pub(crate) struct Survey {
     /// Names as bytes: their coding is unknown, and different names must stay different.
-    pub(crate) names: Ordered<Vec<u8>>,
+    pub(crate) names: Ordered<Rc<[u8]>>,
     /// Groups that have faces.
     pub(crate) groups: Ordered<Group>,
     /// Every combination that has faces: the index of a group, and of a material's name.
@@ -49,7 +61,7 @@ pub(crate) struct Survey {
     /// Index into `uses` for each run of faces between changes of object, group or material.
     pub(crate) runs: Vec<u32>,
     /// Library names of the `mtllib` lines.
-    pub(crate) libraries: Ordered<Vec<u8>>,
+    pub(crate) libraries: Ordered<Rc<[u8]>>,
     /// Sum of the lengths of all names.
     name_bytes: u64,
     /// The memory of the survey, and of the declaration of parts that follows it.
@@ -76,7 +88,7 @@ pub(crate) fn read(input: &mut Input, claim: Claim, sink: &mut dyn Sink) -> Resu
     let mut count = 0u64;
     loop {
         count += 1;
-        if count.is_multiple_of(65536) {
+        if count.is_multiple_of(4096) {
             sink.cancel().check()?;
         }
         let Some(line) = lines.next(input)? else { break };
@@ -101,7 +113,7 @@ pub(crate) fn read(input: &mut Input, claim: Claim, sink: &mut dyn Sink) -> Resu
                 in_run = false;
             }
             Keyword::Library(name) => {
-                survey.libraries.place(name.to_vec());
+                survey.libraries.place(name.into());
                 survey.name_bytes += name.len() as u64;
             }
             Keyword::Face | Keyword::Other => {}
@@ -120,7 +132,7 @@ impl Survey {
         if name.is_empty() {
             return None;
         }
-        let (before, index) = (self.names.items.len(), self.names.place(name.to_vec()));
+        let (before, index) = (self.names.items.len(), self.names.place(name.into()));
         if self.names.items.len() > before {
             self.name_bytes += name.len() as u64;
         }
@@ -134,10 +146,10 @@ impl Survey {
 
     /// Counts the memory so far. Returns `false` if it does not fit.
     fn fits(&mut self) -> bool {
-        // Bytes of each in its list, its index, and in the declaration of parts. Names are in two lists.
+        // Bytes of each in its list, its index, and in the declaration of parts.
         let each = [(self.names.items.len(), 160), (self.groups.items.len(), 140), (self.uses.items.len(), 180)];
         let each = each.into_iter().chain([(self.runs.len(), 10), (self.libraries.items.len(), 160)]);
-        let bytes = 2 * self.name_bytes + each.map(|(count, bytes)| count as u64 * bytes).sum::<u64>();
+        let bytes = self.name_bytes + each.map(|(count, bytes)| count as u64 * bytes).sum::<u64>();
         let more = bytes - self.claimed;
         self.claimed = bytes;
         self.claim.grow(more)

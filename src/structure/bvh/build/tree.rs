@@ -245,7 +245,7 @@ impl Builder<'_> {
             self.stretch.did(len);
             return Ok(done);
         }
-        let ranges = self.split_up(range, depth);
+        let ranges = self.split_up(range, depth)?;
         let done = self.par.map_items(ranges, |r| self.inner(r, depth + 1));
         let mut pieces = Vec::with_capacity(done.len());
         let mut counts = Counts { nodes: 1, ..Counts::default() };
@@ -258,11 +258,13 @@ impl Builder<'_> {
         Ok((pieces, counts))
     }
 
-    /// Splits a range into up to eight, the one with the largest box first. Small ranges are not split.
-    fn split_up<'r>(&self, range: Range<'r>, depth: u32) -> Vec<Range<'r>> {
+    /// Splits a range into up to eight, the one with the largest box first. Small ranges are not split. Fails once
+    /// cancelled.
+    fn split_up<'r>(&self, range: Range<'r>, depth: u32) -> Result<Vec<Range<'r>>> {
         let mut ranges = Vec::with_capacity(WIDTH);
         ranges.push(range);
         while ranges.len() < WIDTH {
+            self.stretch.check()?;
             let area = |r: &Range| r.extents.bounds().half_area();
             let open = (0..ranges.len()).filter(|&i| ranges[i].len > SMALL);
             // The first of the largest: `max_by` would take the last.
@@ -274,7 +276,7 @@ impl Builder<'_> {
             ranges.extend(self.halve(room, len, first, &extents, split));
         }
         ranges.sort_by_key(|r| r.first);
-        ranges
+        Ok(ranges)
     }
 
     /// Splits the first `len` references of `room`, which begins at `first`, in two: by `split`, or by a spatial split
