@@ -15,7 +15,8 @@ use std::time::{Duration, Instant};
 /// Number of moments at which each build is cancelled.
 const MOMENTS: u32 = 6;
 
-/// Any build returns within this time. (Optimised and alone, it takes less than 100 ms.)
+/// A build returns within this time and that of the whole build: a bound on hangs. (Unit tests count what is done after
+/// a cancel. Optimised and alone, a build of a million parts returns within some 100 ms.)
 const LONGEST: Duration = Duration::from_secs(2);
 
 fn size(of: usize) -> usize {
@@ -110,8 +111,8 @@ fn build(input: &Path, memory_budget: u64, cancel: Cancel) -> Result<()> {
     builder.finish(&out).map(drop)
 }
 
-/// Cancels a build at many moments. Returns the longest time from a cancel to the return.
-fn worst(input: &Path, memory_budget: u64) -> Duration {
+/// Cancels a build at many moments.
+fn cancel_at_many_moments(input: &Path, memory_budget: u64) {
     let begun = Instant::now();
     build(input, memory_budget, Cancel::new()).expect("a build");
     let (whole, mut worst, mut cancelled) = (begun.elapsed(), (Duration::ZERO, 0), 0);
@@ -135,8 +136,7 @@ fn worst(input: &Path, memory_budget: u64) -> Duration {
         "{name}, budget {memory_budget}: {whole:?}, at most {:?} after a cancel, at {}/{MOMENTS}",
         worst.0, worst.1
     );
-    assert!(cancelled > 0, "{name}");
-    worst.0
+    assert!(cancelled > 0 && worst.0 < LONGEST + whole, "{name}: {cancelled}, {worst:?} of {whole:?}");
 }
 
 #[test]
@@ -155,10 +155,8 @@ fn a_cancel_is_heard_soon() {
     ];
     let wanted = std::env::var("OUTCROP_CANCEL_ONLY").unwrap_or_default();
     for input in inputs.iter().filter(|input| input.to_string_lossy().contains(&wanted)) {
-        let longest = worst(input, 0);
-        assert!(longest < LONGEST, "{}: {longest:?}", input.display());
+        cancel_at_many_moments(input, 0);
     }
     // In chunks.
-    let longest = worst(&plane(folder), 32 << 20);
-    assert!(longest < LONGEST, "{longest:?}");
+    cancel_at_many_moments(&plane(folder), 32 << 20);
 }
