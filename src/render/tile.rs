@@ -112,17 +112,18 @@ impl TilePixels {
         let mut tally = Tally::default();
         let mut sums = [[[0.0; PACKET]; 4]; PACKETS];
         let (width, height) = (self.width, self.height);
-        let within = |i: usize| [only.start, only.end].map(|at| at.clamp(i * PACKET, (i + 1) * PACKET) - i * PACKET);
-        let patch = |i: usize| Patch { only: within(i), ..Patch::new(i as u32, width, height) };
+        let patch = |i: usize| {
+            let [first, end] = [only.start, only.end].map(|at| at.clamp(i * PACKET, (i + 1) * PACKET) - i * PACKET);
+            Patch::new(i as u32, (width, height), first..end)
+        };
         let patches: [Patch; PACKETS] = std::array::from_fn(patch);
         self.quality.clear();
         for sample in 0..picture.samples {
             if stop() {
                 return None;
             }
-            let packets = patches
-                .each_ref()
-                .map(|it| (integrator.pixels((x + it.left, y + it.top), (1, 1), sample), it.active()));
+            let packets =
+                patches.each_ref().map(|it| (integrator.pixels((x + it.left, y + it.top), (1, 1), sample), it.active));
             integrator.begin(&packets, scratch);
             for (i, (pixels, active)) in packets.iter().enumerate().filter(|(_, (_, active))| *active != 0) {
                 if stop() {
@@ -214,39 +215,36 @@ impl TilePixels {
     }
 }
 
-/// A packet's pixels within its tile: those in a rectangle, and from the first to the second number of `only`.
+/// The pixels of a packet that are rendered: a rectangle of it, or some pixels of that in a row.
 struct Patch {
+    /// Upper left pixel of the packet in its tile.
     left: u32,
     top: u32,
-    columns: u32,
-    rows: u32,
-    only: [usize; 2],
+    /// The rays that go through the pixels; those of each row are neighbours.
+    active: u32,
 }
 
 impl Patch {
-    /// Returns the rectangle of packet `i` in a tile of `width` × `height` pixels; empty if the packet lies outside.
-    fn new(i: u32, width: u32, height: u32) -> Self {
+    /// Returns the pixels of packet `i` that are in a tile of `width` × `height` pixels, and in the range `only` of
+    /// the packet.
+    fn new(i: u32, (width, height): (u32, u32), only: Range<usize>) -> Self {
         const ALONG: u32 = TILE / ACROSS;
         let (left, top) = (i % ALONG * ACROSS, i / ALONG * DOWN);
         let (columns, rows) = (width.saturating_sub(left).min(ACROSS), height.saturating_sub(top).min(DOWN));
-        Self { left, top, columns, rows, only: [0, PACKET] }
-    }
-
-    /// Returns the mask of the packet's rays that go through one of the pixels.
-    fn active(&self) -> u32 {
-        self.rows().fold(0u32, |all, (_, of)| all | ((1u64 << of.end) - (1 << of.start)) as u32)
+        let row = (1 << columns) - 1;
+        let inside = (0..rows).fold(0u32, |all, y| all | row << (y * ACROSS));
+        Self { left, top, active: inside & ((1u64 << only.end) - (1 << only.start)) as u32 }
     }
 
     /// Iterates over the rows that have pixels: for each, the range of its pixels in the tile and in the packet.
     fn rows(&self) -> impl Iterator<Item = (Range<usize>, Range<usize>)> + use<> {
-        let Self { left, top, columns, rows, only: [first, end] } = *self;
-        let row = move |row: u32| {
-            let (row, begin) = ((top + row) * TILE + left, (row * ACROSS) as usize);
-            let of = begin.max(first)..(begin + columns as usize).min(end);
-            let at = row as usize + of.start - begin;
-            (!of.is_empty()).then(|| (at..at + of.len(), of))
-        };
-        (0..rows).filter_map(row)
+        let Self { left, top, active } = *self;
+        (0..DOWN).filter_map(move |row| {
+            let of_row = active >> (row * ACROSS) & ((1 << ACROSS) - 1);
+            let (first, count) = (of_row.trailing_zeros(), of_row.count_ones() as usize);
+            let (at, of) = (((top + row) * TILE + left + first) as usize, (row * ACROSS + first) as usize);
+            (count > 0).then_some((at..at + count, of..of + count))
+        })
     }
 }
 
