@@ -64,8 +64,8 @@ pub(crate) fn read(input: &mut Input, mut claim: Claim, cancel: &Cancel) -> Resu
     let fail = |e| Error::parse(input.path(), place(&e), format!("not valid JSON: {e}"));
     let mut is_repaired = false;
     let parsed = parse::document(&decoded, cancel).or_else(|e| {
-        is_repaired = claim.grow(json.1);
-        let text = if is_repaired { repair::repaired(&decoded) } else { None };
+        is_repaired = !cancel.is_cancelled() && claim.grow(json.1);
+        let text = if is_repaired { repair::repaired(&decoded, cancel) } else { None };
         text.and_then(|text| parse::document(&text, cancel).ok()).ok_or(e)
     });
     cancel.check()?;

@@ -2,16 +2,25 @@
 //! numbers that no double holds. They become `null`, as does anything that is nested too deep to be parsed. Such a
 //! value matters only if the geometry uses it: it is then reported there as malformed.
 
+use crate::base::progress::Cancel;
+
 /// Depth of lists and objects that the parser reads, with a reserve. Geometry uses fewer than ten.
 const DEEPEST: usize = 100;
 
-/// Returns the text with such values replaced by `null`, or `None` if there are none, or no memory for
-/// another text.
-pub(crate) fn repaired(text: &str) -> Option<String> {
+/// Number of words, texts and signs between two checks for a cancel.
+const TOGETHER: usize = 1 << 16;
+
+/// Returns the text with such values replaced by `null`, or `None` if there are none, if there is no memory for another
+/// text, or once cancelled.
+pub(crate) fn repaired(text: &str, cancel: &Cancel) -> Option<String> {
     let mut repaired = String::new();
     repaired.try_reserve_exact(text.len()).ok()?;
-    let (mut rest, mut depth, mut replaced) = (text, 0usize, false);
+    let (mut rest, mut depth, mut replaced, mut count) = (text, 0usize, false, 0usize);
     while let Some(first) = rest.chars().next() {
+        count += 1;
+        if count.is_multiple_of(TOGETHER) && cancel.is_cancelled() {
+            return None;
+        }
         let len = match first {
             '"' => string(rest),
             '[' | '{' => {
@@ -85,6 +94,18 @@ fn nested(text: &str) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn repaired(text: &str) -> Option<String> {
+        super::repaired(text, &Cancel::new())
+    }
+
+    #[test]
+    fn a_cancel_ends_the_repair() {
+        let (text, cancel) = ("[NaN".to_owned() + &",1".repeat(TOGETHER), Cancel::new());
+        assert!(super::repaired(&text, &cancel).is_some());
+        cancel.cancel();
+        assert!(super::repaired(&text, &cancel).is_none());
+    }
 
     #[test]
     fn values_that_json_does_not_know_become_null() {
