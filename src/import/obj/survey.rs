@@ -139,15 +139,17 @@ impl Survey {
         Some(index)
     }
 
-    /// Memory of the parts in the sink, about: one for each group and each material of a group, with their names.
+    /// Memory of the parts in the sink, about: one for each group, and for each material of a group with several, with
+    /// their names.
     fn parts_bytes(&self) -> u64 {
-        2 * self.name_bytes + 350 * (self.groups.items.len() + self.uses.items.len()) as u64
+        let (groups, uses) = (self.groups.items.len(), self.uses.items.len());
+        self.name_bytes + 250 * if uses > groups { groups + uses } else { groups } as u64
     }
 
     /// Counts the memory so far. Returns `false` if it does not fit.
     fn fits(&mut self) -> bool {
         // Bytes of each in its list, its index, and in the declaration of parts.
-        let each = [(self.names.items.len(), 160), (self.groups.items.len(), 140), (self.uses.items.len(), 180)];
+        let each = [(self.names.items.len(), 120), (self.groups.items.len(), 100), (self.uses.items.len(), 170)];
         let each = each.into_iter().chain([(self.runs.len(), 10), (self.libraries.items.len(), 160)]);
         let bytes = self.name_bytes + each.map(|(count, bytes)| count as u64 * bytes).sum::<u64>();
         let more = bytes - self.claimed;
