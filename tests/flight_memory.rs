@@ -6,6 +6,8 @@
 //! its own, because memory that the system's allocator keeps is part of the resident bytes. OUTCROP_FLIGHTS names the
 //! folder of their models (`target/figures` by default; a gigabyte, built by the first run).
 
+#[path = "common/changed.rs"]
+mod changed;
 #[path = "common/counting.rs"]
 mod counting;
 #[path = "flight_memory/flight.rs"]

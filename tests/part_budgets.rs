@@ -5,21 +5,20 @@
 //! model that is built already (OUTCROP_AIRLINER_FILE), the bytes of the small budget (OUTCROP_BUDGET), and the number
 //! of rows of the pictures (OUTCROP_ROWS).
 
+use crate::common::changed::{self, Change};
 use crate::common::frames::LONG;
 use glam::{DAffine3, DVec3};
 use outcrop::base::error::Result;
 use outcrop::base::ids::BlockId;
-use outcrop::base::progress::{Cancel, Progress};
-use outcrop::base::units::UpAxis;
 use outcrop::build::{BuildOptions, Builder};
-use outcrop::import::generate::{GenerateOptions, generate};
-use outcrop::import::{MaterialDesc, MaterialKey, MeshKey, PartDesc, PartKey, Sink};
+use outcrop::import::generate::GenerateOptions;
+use outcrop::import::{MeshKey, Sink};
 use outcrop::render::{Buffer, Frame, FrameOptions, FrameSettings, FrameState, FrameStatus, Outputs};
 use outcrop::scene::{Context, ContextOptions, Look, Model, Scene, Scope};
 use outcrop::store::ModelFile;
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, OnceLock};
+use std::sync::OnceLock;
 
 /// Width and height of the pictures.
 fn size() -> (u32, u32) {
@@ -34,55 +33,24 @@ fn from_environment(name: &str, default: u64) -> u64 {
 }
 
 /// Passes on the triangles of some parts only.
-struct Only<'a> {
-    to: &'a mut Builder,
-    keeps: &'a dyn Fn(u32) -> bool,
-}
+struct Only<'a>(&'a dyn Fn(u32) -> bool);
 
-impl Sink for Only<'_> {
-    fn units(&mut self, metres_per_unit: Option<f64>, up: UpAxis) {
-        self.to.units(metres_per_unit, up);
-    }
-    fn material(&mut self, material: MaterialDesc) -> Result<MaterialKey> {
-        self.to.material(material)
-    }
-    fn part(&mut self, part: PartDesc) -> Result<PartKey> {
-        self.to.part(part)
-    }
-    fn shared_mesh(&mut self, local_parts: u32) -> Result<MeshKey> {
-        self.to.shared_mesh(local_parts)
-    }
+impl Change for Only<'_> {
     fn triangles(
         &mut self,
-        mesh: MeshKey,
-        part: u32,
+        to: &mut Builder,
+        (mesh, part): (MeshKey, u32),
         positions: &[[DVec3; 3]],
         colours: Option<&[[f32; 3]]>,
     ) -> Result<()> {
-        if (self.keeps)(part) { self.to.triangles(mesh, part, positions, colours) } else { Ok(()) }
-    }
-    fn instance(&mut self, mesh: MeshKey, world_from_mesh: DAffine3, first_part: PartKey) -> Result<()> {
-        self.to.instance(mesh, world_from_mesh, first_part)
-    }
-    fn at(&mut self, bytes: u64, total: u64) {
-        self.to.at(bytes, total);
-    }
-    fn note(&mut self, text: String) {
-        self.to.note(text);
-    }
-    fn cancel(&self) -> &Cancel {
-        self.to.cancel()
+        if (self.0)(part) { to.triangles(mesh, part, positions, colours) } else { Ok(()) }
     }
 }
 
 fn build(folder: &Path, name: &str, keeps: &dyn Fn(u32) -> bool) -> PathBuf {
-    let triangles = from_environment("OUTCROP_AIRLINER", 200_000);
-    let options = BuildOptions { threads: 2, ..BuildOptions::default() };
-    let mut builder = Builder::new(options, Arc::new(Progress::default()), Cancel::new()).expect("a builder");
-    let mut only = Only { to: &mut builder, keeps };
-    generate("airliner", &GenerateOptions { triangles, seed: 0 }, &Cancel::new(), &mut only).expect("an airliner");
-    let path = folder.join(name);
-    builder.finish(&path).expect("a model");
+    let size = GenerateOptions { triangles: from_environment("OUTCROP_AIRLINER", 200_000), seed: 0 };
+    let (path, options) = (folder.join(name), BuildOptions { threads: 2, ..BuildOptions::default() });
+    changed::build(&path, "airliner", &size, options, Only(keeps));
     path
 }
 

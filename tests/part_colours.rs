@@ -2,15 +2,14 @@
 //! pixel of any picture, whatever data is missing. Colours also tell of stand-ins that mix several parts.
 
 use crate::common::built::WHITE;
+use crate::common::changed::{self, Change};
 use crate::common::frames::LONG;
 use crate::part_budgets::open;
-use glam::{DAffine3, DVec3};
+use glam::DVec3;
 use outcrop::base::error::Result;
-use outcrop::base::progress::{Cancel, Progress};
-use outcrop::base::units::UpAxis;
 use outcrop::build::{BuildOptions, Builder};
-use outcrop::import::generate::{GenerateOptions, generate};
-use outcrop::import::{MaterialDesc, MaterialKey, MeshKey, PartDesc, PartKey, Sink};
+use outcrop::import::generate::GenerateOptions;
+use outcrop::import::{MaterialDesc, MaterialKey, PartDesc, PartKey, Sink};
 use outcrop::render::{Buffer, Frame, FrameOptions, FrameSettings, FrameState, Outputs, Target};
 use outcrop::scene::{Background, Camera, Context, Look, Model, Scene, Scope};
 use std::collections::HashSet;
@@ -46,63 +45,32 @@ impl Class {
 }
 
 /// Gives each part the material of its class.
+#[derive(Default)]
 struct Coloured {
-    to: Builder,
     parts: usize,
     materials: Vec<MaterialKey>,
 }
 
-impl Sink for Coloured {
-    fn units(&mut self, metres_per_unit: Option<f64>, up: UpAxis) {
-        self.to.units(metres_per_unit, up);
-    }
-    fn material(&mut self, _: MaterialDesc) -> Result<MaterialKey> {
+impl Change for Coloured {
+    fn material(&mut self, _: &mut Builder, _: MaterialDesc) -> Result<MaterialKey> {
         Ok(0)
     }
-    fn part(&mut self, part: PartDesc) -> Result<PartKey> {
+    fn part(&mut self, to: &mut Builder, part: PartDesc) -> Result<PartKey> {
         if self.parts == 0 {
             for class in CLASSES {
-                self.materials.push(self.to.material(MaterialDesc { colour: class.colour(), ..WHITE })?);
+                self.materials.push(to.material(MaterialDesc { colour: class.colour(), ..WHITE })?);
             }
         }
         let class = Class::of(self.parts);
         self.parts += 1;
-        self.to.part(PartDesc { material: Some(self.materials[class as usize]), ..part })
-    }
-    fn shared_mesh(&mut self, local_parts: u32) -> Result<MeshKey> {
-        self.to.shared_mesh(local_parts)
-    }
-    fn triangles(
-        &mut self,
-        mesh: MeshKey,
-        part: u32,
-        positions: &[[DVec3; 3]],
-        colours: Option<&[[f32; 3]]>,
-    ) -> Result<()> {
-        self.to.triangles(mesh, part, positions, colours)
-    }
-    fn instance(&mut self, mesh: MeshKey, world_from_mesh: DAffine3, first_part: PartKey) -> Result<()> {
-        self.to.instance(mesh, world_from_mesh, first_part)
-    }
-    fn at(&mut self, bytes: u64, total: u64) {
-        self.to.at(bytes, total);
-    }
-    fn note(&mut self, text: String) {
-        self.to.note(text);
-    }
-    fn cancel(&self) -> &Cancel {
-        self.to.cancel()
+        to.part(PartDesc { material: Some(self.materials[class as usize]), ..part })
     }
 }
 
 fn build(folder: &Path) -> PathBuf {
+    let (path, size) = (folder.join("coloured.oc"), GenerateOptions { triangles: 200_000, seed: 0 });
     let options = BuildOptions { threads: 2, ..BuildOptions::default() };
-    let to = Builder::new(options, Arc::new(Progress::default()), Cancel::new()).expect("a builder");
-    let mut coloured = Coloured { to, parts: 0, materials: Vec::new() };
-    let size = GenerateOptions { triangles: 200_000, seed: 0 };
-    generate("airliner", &size, &Cancel::new(), &mut coloured).expect("an airliner");
-    let path = folder.join("coloured.oc");
-    coloured.to.finish(&path).expect("a model");
+    changed::build(&path, "airliner", &size, options, Coloured::default());
     path
 }
 

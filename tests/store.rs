@@ -439,7 +439,9 @@ fn bounds() -> impl Strategy<Value = [f64; 6]> {
 }
 
 prop_compose! {
-    fn any_parts()(rows in prop::collection::vec((any::<u64>(), ".*", any::<prop::sample::Index>(), bounds()), 0..12)) -> Vec<PartRow> {
+    fn any_parts()(
+        rows in prop::collection::vec((any::<u64>(), ".*", any::<prop::sample::Index>(), bounds()), 0..12),
+    ) -> Vec<PartRow> {
         rows.into_iter().enumerate().map(|(i, (id, name, parent, bounds))| PartRow {
             // Readers leave out characters NUL.
             id, name: name.replace('\0', ""), bounds, material: (id % 3) as u32, triangles: id >> 9,
@@ -459,10 +461,13 @@ prop_compose! {
     fn any_trees()(rows in prop::collection::vec((0u32..4, any::<u64>(), any::<[f32; 3]>()), 1..4)) -> Vec<TreeRow> {
         let mut first_block = 0;
         rows.into_iter().map(|(block_count, n, p)| {
+            let bounds = [0.0, -1.0, -2.0, f32::MAX, p[0].abs().min(1e30), p[1].abs().min(1.0)];
             let tree = TreeRow {
-                first_block, block_count, class_blocks: classes(block_count, n), root: n, origin: [f64::from(n as u32), 1e300, -0.5],
-                bounds: [0.0, -1.0, -2.0, f32::MAX, p[0].abs().min(1e30), p[1].abs().min(1.0)].map(|v| if v.is_nan() { 7.0 } else { v }),
-                triangles: n >> 9, references: n >> 8, nodes: n >> 10, leaves: n >> 11, position_error: 1e-30, local_parts: 0, max_stack: n as u32,
+                first_block, block_count, class_blocks: classes(block_count, n), root: n,
+                origin: [f64::from(n as u32), 1e300, -0.5],
+                bounds: bounds.map(|v| if v.is_nan() { 7.0 } else { v }),
+                triangles: n >> 9, references: n >> 8, nodes: n >> 10, leaves: n >> 11, position_error: 1e-30,
+                local_parts: 0, max_stack: n as u32,
             };
             first_block += block_count;
             tree
@@ -478,14 +483,20 @@ prop_compose! {
         moves in prop::collection::vec([-10.0..10.0f64, 1.0..2.0, -1e7..1e7], 0..5), bounds in bounds(),
     ) -> Model {
         let geometry_blocks = trees.iter().map(|t| t.block_count).sum();
-        let header = Header { geometry_blocks, has_colours, bounds, triangles_in: seed, triangles_kept: seed / 2, up: (seed % 4) as u32, ..Header::default() };
+        let header = Header {
+            geometry_blocks, has_colours, bounds, triangles_in: seed, triangles_kept: seed / 2, up: (seed % 4) as u32,
+            ..Header::default()
+        };
         let count = header.block_count() as usize;
         let shared = trees.len() as u32 - 1;
         let instances = moves.into_iter().filter(|_| shared > 0).map(|[shear, scale, x]| InstanceRow {
             tree: 1 + seed as u32 % shared, first_part: 0,
             world_from_mesh: [scale, 0.0, 0.0, shear, 1.0, 0.0, 0.0, shear, -scale, x, 0.0, 0.0],
         }).collect();
-        let materials = materials.into_iter().map(|[a, b, c, d]| MaterialRow { colour: [a, b, c], opacity: d, metalness: a, roughness: b }).collect();
+        let material = |[a, b, c, d]: [f32; 4]| {
+            MaterialRow { colour: [a, b, c], opacity: d, metalness: a, roughness: b }
+        };
+        let materials = materials.into_iter().map(material).collect();
         let blocks = payloads.into_iter().take(count).map(|p| { let n = p.len() as u32; (p, n * 3) }).collect();
         Model { header, blocks, parts, materials, instances, trees }
     }

@@ -257,7 +257,7 @@ pub unsafe extern "C" fn oc_scene_set_background(scene: *mut oc_scene, backgroun
 
 /// Makes all edits since the last commit take effect at once, for frames, batches and other queries that begin later.
 ///
-/// Placed meshes, instances and looks of parts count against the budget, but for 16 KiB of each scene.
+/// Placed meshes, instances and looks of parts count against the budget, but for 80 KiB of each scene.
 ///
 /// Errors: OC_STATUS_INVALID_ARGUMENT if the scene would hold 2^31 or more placed meshes; OC_STATUS_OVER_BUDGET if the
 /// budget has no room for them beside the data that must stay. Later jobs then see the scene as it was before.

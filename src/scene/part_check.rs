@@ -7,7 +7,7 @@ use crate::base::ids::BlockId;
 use crate::base::progress::Cancel;
 use crate::residency::Snapshot;
 use crate::store::PartSets;
-use crate::structure::open::{self, BlockParts};
+use crate::structure::open::{self, ListedParts};
 
 /// Compares the lists of a model with its blocks.
 pub(super) struct PartCheck<'a> {
@@ -35,7 +35,7 @@ impl<'a> PartCheck<'a> {
             if tree.local_parts <= 1 {
                 continue;
             }
-            let BlockParts { parts, listed_by, below } = open::block_parts(file, tree, id, words)?;
+            let ListedParts { parts, listed_by, below } = open::block_parts(file, tree, id, words)?;
             self.compare(listed_by, &parts, || place(listed_by, id))?;
             for below in below {
                 cancel.check()?;

@@ -97,7 +97,7 @@ pub fn check_links(file: &ModelFile, snapshot: &Snapshot) -> std::result::Result
 }
 
 /// The parts of a geometry block, for the check of the lists of parts.
-pub struct BlockParts {
+pub struct ListedParts {
     /// Local parts of its triangles and stand-ins, ascending.
     pub parts: Vec<u32>,
     /// The block whose list names them: the block itself, or the one above that stands for it.
@@ -107,7 +107,7 @@ pub struct BlockParts {
 }
 
 /// Returns the parts of geometry block `id`, which holds the decoded `words` and belongs to `tree`.
-pub fn block_parts(file: &ModelFile, tree: &TreeRow, id: BlockId, words: &[u32]) -> Result<BlockParts> {
+pub fn block_parts(file: &ModelFile, tree: &TreeRow, id: BlockId, words: &[u32]) -> Result<ListedParts> {
     let mut found = match structure_of(file)? {
         Structure::Bvh => bvh::block_parts(tree, id, words),
         #[cfg(any(test, feature = "brute"))]

@@ -20,6 +20,7 @@
 //! | [`asked`] | plain rays of the world around something, and a scene's answers |
 //! | [`rays`] | seeded rays of every awkward kind |
 //! | [`models`], [`scenes`] | the models folder and the five test models as triangle lists |
+//! | [`changed`] | generated models with changes on their way to the build |
 //! | [`built`], [`stored`] | files under test, built through the public API, and what they store |
 //! | [`frames`] | cameras, requests that must converge, scenes with something of everything |
 //! | [`trees`] | the trees under test, with any blocks missing |
@@ -31,6 +32,7 @@ pub mod asked;
 pub mod brute;
 pub mod built;
 pub mod bvh64;
+pub mod changed;
 pub mod errors;
 pub mod frames;
 pub mod light;

@@ -1,88 +1,60 @@
 //! Models of flights.
 
+use crate::changed::{self, Change};
 use crate::flight::Content;
-use glam::{DAffine3, DVec3};
+use glam::DVec3;
 use outcrop::Result;
-use outcrop::base::progress::{Cancel, Progress};
-use outcrop::base::units::UpAxis;
 use outcrop::build::{BuildOptions, Builder};
-use outcrop::import::generate::{GenerateOptions, generate};
-use outcrop::import::{MaterialDesc, MaterialKey, MeshKey, PartDesc, PartKey, Sink};
+use outcrop::import::generate::GenerateOptions;
+use outcrop::import::{MeshKey, PartDesc, PartKey, Sink};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 /// Triangles of a part that is divided.
 const RUN: usize = 33;
 
 /// Divides each part into `into` parts, which take its triangles in turns of [`RUN`].
-struct Divided<'a> {
-    to: &'a mut Builder,
+struct Divided {
     into: u32,
-    /// The part in `to` of each part, its first one, and the next turn.
+    /// The part in the build of each part, its first one, and the next turn.
     parts: Vec<(PartKey, u32)>,
 }
 
-impl Sink for Divided<'_> {
-    fn units(&mut self, metres_per_unit: Option<f64>, up: UpAxis) {
-        self.to.units(metres_per_unit, up);
-    }
-    fn material(&mut self, material: MaterialDesc) -> Result<MaterialKey> {
-        self.to.material(material)
-    }
-    fn part(&mut self, part: PartDesc) -> Result<PartKey> {
+impl Change for Divided {
+    fn part(&mut self, to: &mut Builder, part: PartDesc) -> Result<PartKey> {
         let parent = part.parent.map(|parent| self.parts[parent as usize].0);
         let (name, material) = (part.name.clone(), part.material);
-        let own = self.to.part(PartDesc { parent, id: None, ..part })?;
+        let own = to.part(PartDesc { parent, id: None, ..part })?;
         for i in 1..self.into {
             let name = format!("{name}, piece {i}");
-            self.to.part(PartDesc { id: None, name, parent: Some(own), material })?;
+            to.part(PartDesc { id: None, name, parent: Some(own), material })?;
         }
         self.parts.push((own, 0));
         Ok(self.parts.len() as u32 - 1)
     }
-    fn shared_mesh(&mut self, local_parts: u32) -> Result<MeshKey> {
-        self.to.shared_mesh(local_parts)
-    }
     fn triangles(
         &mut self,
-        mesh: MeshKey,
-        part: u32,
+        to: &mut Builder,
+        (mesh, part): (MeshKey, u32),
         positions: &[[DVec3; 3]],
         colours: Option<&[[f32; 3]]>,
     ) -> Result<()> {
         if self.into == 1 {
-            return self.to.triangles(mesh, self.parts[part as usize].0, positions, colours);
+            return to.triangles(mesh, self.parts[part as usize].0, positions, colours);
         }
         for piece in positions.chunks(RUN) {
             let (first, turn) = &mut self.parts[part as usize];
-            self.to.triangles(mesh, *first + *turn % self.into, piece, None)?;
+            to.triangles(mesh, *first + *turn % self.into, piece, None)?;
             *turn += 1;
         }
         Ok(())
     }
-    fn instance(&mut self, mesh: MeshKey, world_from_mesh: DAffine3, first_part: PartKey) -> Result<()> {
-        self.to.instance(mesh, world_from_mesh, first_part)
-    }
-    fn at(&mut self, bytes: u64, total: u64) {
-        self.to.at(bytes, total);
-    }
-    fn note(&mut self, text: String) {
-        self.to.note(text);
-    }
-    fn cancel(&self) -> &Cancel {
-        self.to.cancel()
-    }
 }
 
 /// Builds a generated model, unless an earlier run has.
-fn built(path: PathBuf, name: &str, options: &GenerateOptions, into: u32) -> PathBuf {
+fn built(path: PathBuf, name: &str, size: &GenerateOptions, into: u32) -> PathBuf {
     if !path.exists() {
-        let options_of_build = BuildOptions { threads: 2, memory_budget: 1 << 30, ..BuildOptions::default() };
-        let mut builder =
-            Builder::new(options_of_build, Arc::new(Progress::default()), Cancel::new()).expect("a builder");
-        let mut divided = Divided { to: &mut builder, into, parts: Vec::new() };
-        generate(name, options, &Cancel::new(), &mut divided).expect("a model");
-        let report = builder.finish(&path).expect("a model");
+        let options = BuildOptions { threads: 2, memory_budget: 1 << 30, ..BuildOptions::default() };
+        let report = changed::build(&path, name, size, options, Divided { into, parts: Vec::new() });
         println!("{}: {} triangles, {} parts", path.display(), report.triangles_kept, report.parts);
     }
     path

@@ -30,27 +30,42 @@ pub struct Args {
     #[arg(long, value_name = "WxH", default_value = "1024x768", value_parser = common::size)]
     size: (u32, u32),
     /// The views to measure, numbered 0 to 3
-    #[arg(long, value_name = "0..3", value_delimiter = ',', default_value = "0,2", allow_negative_numbers = true, value_parser = clap::value_parser!(u8).range(0..=3))]
+    #[arg(
+        long, value_name = "0..3", value_delimiter = ',', default_value = "0,2", allow_negative_numbers = true,
+        value_parser = clap::value_parser!(u8).range(0..=3)
+    )]
     view: Vec<u8>,
     /// Use the four views of this generated model instead of those from the bounds
     #[arg(long, value_name = "NAME", value_parser = generate::NAMES)]
     views: Option<String>,
     /// Numbers of threads
-    #[arg(long, value_name = "N", value_delimiter = ',', default_value = "1,2", allow_negative_numbers = true, value_parser = some_threads)]
+    #[arg(
+        long, value_name = "N", value_delimiter = ',', default_value = "1,2", allow_negative_numbers = true,
+        value_parser = some_threads
+    )]
     threads: Vec<usize>,
     /// Runs of each measurement; the result is their median
-    #[arg(long, value_name = "N", default_value_t = 5, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    #[arg(
+        long, value_name = "N", default_value_t = 5, allow_negative_numbers = true,
+        value_parser = clap::value_parser!(u32).range(1..=1000)
+    )]
     runs: u32,
     /// Instruction set
     #[arg(long, value_parser = ["baseline", "avx2", "avx512"])]
     isa: Option<String>,
     /// Bytes of memory for the model, with suffix K, M, G or T; may be less than the model needs. 0: three quarters of
     /// the machine's memory
-    #[arg(long, visible_alias = "memory", value_name = "BYTES", default_value = "0", allow_negative_numbers = true, value_parser = common::byte_size)]
+    #[arg(
+        long, visible_alias = "memory", value_name = "BYTES", default_value = "0", allow_negative_numbers = true,
+        value_parser = common::byte_size
+    )]
     cache: u64,
     /// Pixels of error: instead of exact rays, measure pixel rays in packets, with stand-ins of at most this many
     /// square pixels, and the error of the result
-    #[arg(long, value_name = "POE", value_delimiter = ',', conflicts_with = "rays", allow_negative_numbers = true, value_parser = pixels_of_error)]
+    #[arg(
+        long, value_name = "POE", value_delimiter = ',', conflicts_with = "rays", allow_negative_numbers = true,
+        value_parser = pixels_of_error
+    )]
     poe: Vec<f32>,
     /// Print one JSON object
     #[arg(long)]

@@ -89,8 +89,8 @@ impl<const N: usize> StandIns<N> {
 
     /// Adapts the stand-in of ray `i` to the looks of parts. A cell that mixes parts with other looks shows the part
     /// that covers most of it, in that part's colour. Nothing else is known of where the visible surface in it lies. If
-    /// that part is hidden, which happens only where data is missing, the cell shows a visible part of a
-    /// block around it.
+    /// that part is hidden, which happens only where data is missing, the cell shows a visible part of the
+    /// block whose list has the cell's parts.
     fn under_looks(&mut self, i: usize, at: &InTree, tree: &Tree, filter: &PartFilter, hit: &TriHit) {
         let Some(CellParts { part, is_mixed, summary, listed_by }) = tree.parts_in_cell(hit) else { return };
         if !is_mixed || summary & filter.touched == 0 {

@@ -5,7 +5,7 @@ use crate::base::ids::BlockId;
 use crate::lod::Coded;
 use crate::residency::{BlockClass, Decoder};
 use crate::store::TreeRow;
-use crate::structure::open::BlockParts;
+use crate::structure::open::ListedParts;
 use crate::structure::streams;
 
 /// Decodes the blocks of a model of structure `brute`.
@@ -60,7 +60,7 @@ impl Decoder for BruteDecoder {
 }
 
 /// Returns the parts of a geometry block, in any order.
-pub fn block_parts(id: BlockId, words: &[u32]) -> BlockParts {
+pub fn block_parts(id: BlockId, words: &[u32]) -> ListedParts {
     let (parts, below) = match Block::new(words) {
         Block::Index(rows) => {
             let part = |row| Coded::part(Row(row).voxel()[2]).0;
@@ -68,5 +68,5 @@ pub fn block_parts(id: BlockId, words: &[u32]) -> BlockParts {
         }
         Block::List(triangles) => (triangles.iter().map(|words| triangle(words).part).collect(), Vec::new()),
     };
-    BlockParts { parts, listed_by: id, below }
+    ListedParts { parts, listed_by: id, below }
 }

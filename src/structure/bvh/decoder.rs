@@ -6,7 +6,7 @@ use super::layout::{Block, COARSE, Child, FINE, INDEX_MASK, KIND_SHIFT, MAX_WORD
 use crate::base::ids::BlockId;
 use crate::residency::{BlockClass, Decoder, Entries, MOST_NODES, Reference, Snapshot, Statements};
 use crate::store::TreeRow;
-use crate::structure::open::BlockParts;
+use crate::structure::open::ListedParts;
 use crate::structure::streams;
 use std::collections::HashSet;
 use std::hash::{BuildHasher, RandomState};
@@ -176,14 +176,14 @@ fn leaves_named(block: &Block) -> Vec<u16> {
 }
 
 /// Returns the parts of a geometry block of `tree`, in any order. A fine block lists the parts of its leaf block.
-pub fn block_parts(tree: &TreeRow, id: BlockId, words: &[u32]) -> BlockParts {
+pub fn block_parts(tree: &TreeRow, id: BlockId, words: &[u32]) -> ListedParts {
     let (block, leaves_at) = (Block::new(words), leaves_at(tree));
     let is_leaf_block = id.0 >= tree.first_block + tree.class_blocks[COARSE] + leaves_at && leaves_at > 0;
     let of_triangles = (0..block.parts()).map(|i| block.part(i));
     let slots = (0..block.nodes()).flat_map(|i| (0..WIDTH).map(move |slot| (i, slot)));
     let filled = slots.filter(|&(i, slot)| block.node(i).valid >> slot & 1 == 1);
     let of_stand_ins = filled.map(|(i, slot)| block.voxel(i, slot).part().0);
-    BlockParts {
+    ListedParts {
         parts: of_triangles.chain(of_stand_ins).collect(),
         listed_by: if is_leaf_block { BlockId(id.0 - leaves_at) } else { id },
         below: nodes_elsewhere(&block).map(|(to, _)| to).collect(),

@@ -326,7 +326,9 @@ mod tests {
         /// Coordinates are stored as steps exactly if there are enough vertices and all steps fit 24 bits. All
         /// coordinates are restored to the bit.
         #[test]
-        fn coordinates_round_trip(first: [u32; 3], bits in 1u32..31, seed: [[u32; MAX_VERTICES]; 3], triangles in 1usize..=5) {
+        fn coordinates_round_trip(
+            first: [u32; 3], bits in 1u32..31, seed: [[u32; MAX_VERTICES]; 3], triangles in 1usize..=5,
+        ) {
             let mut axes = seed;
             for (axis, first) in axes.iter_mut().zip(first) {
                 axis.iter_mut().for_each(|x| *x = first.wrapping_add_signed((*x as i32) >> bits));
@@ -335,7 +337,8 @@ mod tests {
             for isa in Isa::ALL {
                 let (own_form, own_words) = dispatch(isa, Store { axes: &axes, triangles });
                 // Words beyond the end are arbitrary.
-                prop_assert_eq!((own_form, &own_words[..form.words()]), (form, &words[..form.words()]), "{}", isa.name());
+                let own = (own_form, &own_words[..form.words()]);
+                prop_assert_eq!(own, (form, &words[..form.words()]), "{}", isa.name());
             }
             let count = 3 * triangles;
             let step = |axis: &[u32; MAX_VERTICES], i: usize| i64::from(axis[i].wrapping_sub(axis[0]) as i32);
@@ -348,7 +351,8 @@ mod tests {
             }
             // The last word is filled up with zeros.
             let bytes: &[u8] = cast_slice(&words[..form.words()]);
-            prop_assert!(!leaf.is_near() || bytes[4 * (form.head_words() + 3) + 9 * (count - 1)..].iter().all(|byte| *byte == 0));
+            let end = 4 * (form.head_words() + 3) + 9 * (count - 1);
+            prop_assert!(!leaf.is_near() || bytes[end..].iter().all(|byte| *byte == 0));
         }
     }
 

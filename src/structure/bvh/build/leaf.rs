@@ -190,18 +190,24 @@ mod tests {
         #[test]
         fn vertices_are_the_same_as_those_found_one_by_one(
             corners in prop::collection::vec(prop::array::uniform3(prop::array::uniform3(-1i32..2)), 1..12),
-            signs: u64, picked in prop::collection::vec(0usize..12, 1..=MAX_TRIANGLES), parts in prop::collection::vec(0u32..2, 12),
+            signs: u64, picked in prop::collection::vec(0usize..12, 1..=MAX_TRIANGLES),
+            parts in prop::collection::vec(0u32..2, 12),
         ) {
             let number = |x: i32, i: usize| if x == 0 && signs >> (i % 64) & 1 == 1 { -0.0 } else { x as f32 };
-            let vertex = |t: usize, c: usize, p: [i32; 3]| Vec3::new(number(p[0], t + c), number(p[1], 2 * t + c), number(p[2], t + 3 * c));
-            let triangles: Vec<[Vec3; 3]> = corners.iter().enumerate().map(|(t, all)| [0, 1, 2].map(|c| vertex(t, c, all[c]))).collect();
+            let vertex = |t: usize, c: usize, p: [i32; 3]| {
+                Vec3::new(number(p[0], t + c), number(p[1], 2 * t + c), number(p[2], t + 3 * c))
+            };
+            let triangle = |(t, all): (usize, &[[i32; 3]; 3])| [0, 1, 2].map(|c| vertex(t, c, all[c]));
+            let triangles: Vec<[Vec3; 3]> = corners.iter().enumerate().map(triangle).collect();
             let prims: Vec<u32> = (0..triangles.len() as u32).collect();
-            let input = TreeInput { triangles: &triangles, parts: &parts[..triangles.len()], prims: &prims, colours: &[], part_colours: &[] };
+            let parts = &parts[..triangles.len()];
+            let input = TreeInput { triangles: &triangles, parts, prims: &prims, colours: &[], part_colours: &[] };
             let picked: Vec<usize> = picked.into_iter().map(|t| t % triangles.len()).collect();
             let refs: Vec<Ref> = picked.iter().map(|&t| Ref::new(Bounds::of(&triangles[t]), t as u32)).collect();
             let mut expected = picked.clone();
             expected.sort_unstable();
             expected.dedup();
+            let ids: Vec<u32> = expected.iter().map(|t| *t as u32).collect();
             let mut vertices: Vec<Vec3> = Vec::new();
             let mut numbers = Vec::new();
             for &t in &expected {
@@ -215,7 +221,7 @@ mod tests {
             }
             for isa in Isa::ALL {
                 let shape = LeafShape::with(isa, &refs, input);
-                prop_assert_eq!(&shape.triangles[..shape.count], &expected.iter().map(|t| *t as u32).collect::<Vec<_>>()[..]);
+                prop_assert_eq!(&shape.triangles[..shape.count], &ids[..]);
                 prop_assert_eq!(&shape.corners[..shape.count], &numbers[..]);
                 for axis in 0..3 {
                     let found = shape.vertices[axis][..shape.vertex_count].iter().map(|x| x.to_bits());
