@@ -1,9 +1,10 @@
-//! Foundations for all other rooms: errors, ids, progress and cancellation, workers, the handle of a job. Uses nothing.
+//! Foundations for all other rooms: errors, ids, progress and cancellation, workers, the handle of a job, items by group. Uses nothing.
 
 pub mod account;
 pub mod bytes;
 pub mod error;
 pub mod faults;
+pub mod groups;
 pub(crate) mod handle;
 pub mod ids;
 pub mod inputs;

@@ -3,6 +3,7 @@
 use super::survey::OfPart;
 use super::tight::Tight;
 use crate::base::error::Result;
+use crate::base::groups::Groups;
 use crate::base::progress::Cancel;
 use crate::math::{Bounds, DBounds};
 use crate::store::{InstanceRow, MaterialRow, PartRow};
@@ -17,42 +18,9 @@ pub struct Assembly {
     pub materials: Vec<MaterialRow>,
     pub instances: Vec<InstanceRow>,
     /// The instances of each tree.
-    pub placings: Placings,
+    pub placings: Groups,
     /// Bounds of meshes that are placed with a turn.
     pub tight: Tight,
-}
-
-/// Indices of the instances of each tree.
-#[derive(Default)]
-pub struct Placings {
-    /// The instances of the first tree, in their order, then those of the next one.
-    order: Vec<u32>,
-    /// Offset in `order` at which the instances of each tree end.
-    ends: Vec<usize>,
-}
-
-impl Placings {
-    /// Finds the instances of `trees` trees.
-    pub fn of(instances: &[InstanceRow], trees: usize) -> Self {
-        let mut counts = vec![0; trees];
-        instances.iter().for_each(|i| counts[i.tree as usize] += 1);
-        let mut next: Vec<usize> =
-            counts.iter().scan(0, |sum, count| Some(std::mem::replace(sum, *sum + count))).collect();
-        let mut order = vec![0; instances.len()];
-        for (index, instance) in (0..).zip(instances) {
-            let at = &mut next[instance.tree as usize];
-            order[*at] = index;
-            *at += 1;
-        }
-        Self { order, ends: next }
-    }
-
-    /// The indices of a tree's instances, ascending; none if the tree is not known.
-    pub fn of_tree(&self, tree: usize) -> impl Iterator<Item = usize> {
-        let end = self.ends.get(tree).map_or(0, |&end| end);
-        let start = tree.checked_sub(1).and_then(|before| self.ends.get(before)).map_or(0, |&start| start);
-        self.order.get(start..end).unwrap_or_default().iter().map(|&i| i as usize)
-    }
 }
 
 /// Number of triangles that one task counts, and number of tasks whose results are kept until they are added up: if
@@ -119,7 +87,7 @@ impl Assembly {
         if tree == 0 {
             return add(0, &DAffine3::IDENTITY);
         }
-        let mut placed = placings.of_tree(tree).map(|i| &instances[i]);
+        let mut placed = placings.get(tree).iter().map(|&i| &instances[i as usize]);
         placed.try_for_each(|i| add(i.first_part, &DAffine3::from_cols_array(&i.world_from_mesh)))
     }
 }
@@ -127,7 +95,7 @@ impl Assembly {
 impl Assembly {
     /// Returns the linear colours of a mesh's local parts, as of its first instance.
     pub fn colours(&self, tree: usize, local_parts: u32) -> Vec<Vec3> {
-        let placing = self.placings.of_tree(tree).next().map(|i| &self.instances[i]);
+        let placing = self.placings.get(tree).first().map(|&i| &self.instances[i as usize]);
         let first = placing.map_or(0, |i| i.first_part) as usize;
         let rows = self.parts.iter().skip(first).take(local_parts as usize);
         rows.map(|row| Vec3::from(self.materials[row.material as usize].colour)).collect()
@@ -150,16 +118,6 @@ fn unflat(b: &[f64; 6]) -> DBounds {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn each_tree_finds_its_instances() {
-        let trees = [3, 1, 3, 5, 1, 3];
-        let rows = trees.map(|tree| InstanceRow { tree, first_part: 0, world_from_mesh: [0.0; 12] });
-        let placings = Placings::of(&rows, 6);
-        let found: Vec<Vec<usize>> = (0..8).map(|tree| placings.of_tree(tree).collect()).collect();
-        assert_eq!(found, [vec![], vec![1, 4], vec![], vec![0, 2, 5], vec![], vec![3], vec![], vec![]]);
-        assert_eq!(Placings::default().of_tree(0).next(), None);
-    }
 
     #[test]
     fn counts_of_parts_do_not_depend_on_threads_or_chunks() {

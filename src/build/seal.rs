@@ -4,13 +4,14 @@ use super::BuildOptions;
 use super::mesh::Mesh;
 use super::output::{Output, Span};
 use super::part_sets::TreeParts;
-use super::parts::{self, Assembly, Placings};
+use super::parts::{self, Assembly};
 use super::report::{BuildReport, PhaseSeconds};
 use super::shares::Shares;
 use super::split::{self, Splitter};
 use super::spool::Spool;
 use super::tight::Tight;
 use crate::base::error::Result;
+use crate::base::groups::Groups;
 use crate::base::inputs::Inputs;
 use crate::base::progress::{Cancel, Phase, Progress, Stretch};
 use crate::base::quota::Quota;
@@ -108,7 +109,8 @@ pub fn run(mut gathered: Gathered, asked: &Asked, threads: usize) -> Result<Buil
         par,
     };
     let sizes: Vec<(u64, u32)> = meshes.iter().map(|m| (m.triangles, m.local_parts)).collect();
-    gathered.assembly.placings = Placings::of(&gathered.assembly.instances, meshes.len());
+    let trees = gathered.assembly.instances.iter().map(|i| i.tree);
+    gathered.assembly.placings = Groups::of(meshes.len(), trees);
     gathered.assembly.tight = Tight::plan(&sizes, &gathered.assembly.instances, cancel)?;
     let mut rows = Vec::new();
     let all: f64 = meshes.iter().map(|m| 1.0 + m.triangles as f64).sum();

@@ -8,13 +8,14 @@
 use super::batch::Batch;
 use super::origin;
 use super::owners::{self, Mark, Owners, Pairs};
-use super::parts::{Assembly, Placings};
+use super::parts::Assembly;
 use super::places::{Around, Places};
 use super::resolve::{self, Samples};
 use super::shares::Shares;
 use super::spool::{Spool, Taken};
 use super::survey::TOGETHER;
 use crate::base::error::Result;
+use crate::base::groups::Groups;
 use crate::base::progress::Stretch;
 use crate::base::scratch::Scratch;
 use crate::math::DBounds;
@@ -110,7 +111,7 @@ impl Splitter<'_> {
     /// of these in `assembly`.
     pub fn run(&self, meshes: &mut Vec<Spool>, assembly: &mut Assembly) -> Result<Found> {
         let mut all = Found::default();
-        assembly.placings = Placings::of(&assembly.instances, meshes.len());
+        assembly.placings = Groups::of(meshes.len(), assembly.instances.iter().map(|i| i.tree));
         for index in 0..meshes.len() {
             self.stretch.check()?;
             let mesh = std::mem::replace(&mut meshes[index], Spool::new(0));
@@ -431,7 +432,7 @@ fn place(assembly: &mut Assembly, mesh: u32, tree: u32) {
         assembly.instances.push(InstanceRow { tree, first_part: 0, world_from_mesh });
         return;
     }
-    let placed = assembly.placings.of_tree(mesh as usize).map(|i| &assembly.instances[i]);
+    let placed = assembly.placings.get(mesh as usize).iter().map(|&i| &assembly.instances[i as usize]);
     let again: Vec<InstanceRow> = placed.map(|i| InstanceRow { tree, ..*i }).collect();
     assembly.instances.extend(again);
 }

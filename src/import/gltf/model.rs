@@ -43,6 +43,8 @@ pub(crate) struct List<T> {
 
 /// A list that is being read.
 pub(crate) trait Items {
+    /// Its name in the document.
+    fn name(&self) -> &'static str;
     /// Removes all objects: if the document has a list twice, the second one counts.
     fn clear(&mut self);
     /// Adds an object.
@@ -50,6 +52,10 @@ pub(crate) trait Items {
 }
 
 impl<T> Items for List<T> {
+    fn name(&self) -> &'static str {
+        self.name
+    }
+
     fn clear(&mut self) {
         self.items.clear();
     }
@@ -269,7 +275,7 @@ impl Model {
             &mut self.images,
             &mut self.animations,
         ];
-        LISTS.iter().zip(lists).find(|(known, _)| **known == name).map(|(_, list)| list)
+        lists.into_iter().find(|list| list.name() == name)
     }
 
     /// Reads the members of the document that are no lists of objects.
@@ -282,22 +288,6 @@ impl Model {
         self.center = center.map(DVec3::from);
     }
 }
-
-/// Names of the lists, in the order of [`Model::list`].
-const LISTS: [&str; 12] = [
-    "scenes",
-    "nodes",
-    "meshes",
-    "skins",
-    "accessors",
-    "bufferViews",
-    "buffers",
-    "materials",
-    "textures",
-    "samplers",
-    "images",
-    "animations",
-];
 
 impl Model {
     /// The transform of root nodes to the world.

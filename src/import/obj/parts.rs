@@ -4,6 +4,7 @@ use super::mtl::{Libraries, Material};
 use super::survey::Survey;
 use super::textures::{Textures, Used};
 use crate::base::error::Result;
+use crate::base::groups::Groups;
 use crate::base::progress::Cancel;
 use crate::import::access::Files;
 use crate::import::{MaterialDesc, MaterialKey, PartDesc, PartKey, Sink, stem, text};
@@ -59,7 +60,7 @@ pub(crate) fn declare<'a>(
     let mut textures = Textures::new(files);
     let looks = materials(path, survey, &libraries, &mut textures, sink)?;
     textures.note(path, sink);
-    let of_group = ByGroup::of(survey);
+    let of_group = Groups::of(survey.groups.items.len(), survey.uses.items.iter().map(|used| used.0));
     let mut declaration = Declaration { survey, looks, of_group, objects: HashMap::new() };
     let plain = Target { part: 0, colour: MaterialDesc::default().colour, texture: None };
     let mut uses = vec![plain; survey.uses.items.len()];
@@ -70,40 +71,13 @@ pub(crate) fn declare<'a>(
     Ok(Parts { uses, runs: survey.runs.clone(), textures })
 }
 
-/// Combinations of a group and a material by group, as indices into `survey.uses`.
-struct ByGroup {
-    uses: Vec<u32>,
-    /// The place in `uses` at which the uses of each group begin, and the end of the last.
-    begins: Vec<u32>,
-}
-
-impl ByGroup {
-    fn of(survey: &Survey) -> Self {
-        let all = &survey.uses.items;
-        let (mut uses, mut begins) = (vec![0; all.len()], vec![0; survey.groups.items.len() + 2]);
-        // The begin of group `g` is counted at `g + 2`, so that it is at `g + 1` before and at `g` after the uses of
-        // `g` were placed.
-        all.iter().for_each(|use_| begins[use_.0 as usize + 2] += 1);
-        (1..begins.len()).for_each(|i| begins[i] += begins[i - 1]);
-        for (i, &(group, _)) in all.iter().enumerate() {
-            let next: &mut u32 = &mut begins[group as usize + 1];
-            uses[*next as usize] = i as u32;
-            *next += 1;
-        }
-        Self { uses, begins }
-    }
-
-    fn group(&self, group: usize) -> &[u32] {
-        &self.uses[self.begins[group] as usize..self.begins[group + 1] as usize]
-    }
-}
-
 /// State while the parts are declared.
 struct Declaration<'a> {
     survey: &'a Survey,
     /// Keys and colours of the defined materials, by the index of their name.
     looks: HashMap<u32, Looks>,
-    of_group: ByGroup,
+    /// Combinations of a group and a material by group, as indices into `survey.uses`.
+    of_group: Groups,
     /// Parts of the objects that were declared so far.
     objects: HashMap<u32, PartKey>,
 }
@@ -119,7 +93,7 @@ impl Declaration<'_> {
 
     /// Returns the material of a group that uses only one.
     fn only_material(&self, group: usize) -> Option<MaterialKey> {
-        match *self.of_group.group(group) {
+        match *self.of_group.get(group) {
             [one] => self.look(one).map(|l| l.key),
             _ => None,
         }
@@ -136,7 +110,7 @@ impl Declaration<'_> {
                 sink.part(PartDesc { name, parent, material: self.only_material(group), id: None })?
             }
         };
-        let uses = self.of_group.group(group);
+        let uses = self.of_group.get(group);
         for &used in uses {
             let look = self.look(used);
             let (material, used) = (look.map(|l| l.key), used as usize);
