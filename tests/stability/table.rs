@@ -64,8 +64,8 @@ pub const DESIGN: [Row; 14] = [
                 Missed { measure: "other wires: coverage", at: &[(0.5, 0.049), (1.0, 0.044), (10.0, 0.042)] },
                 Missed { measure: "leaf cards: coverage", at: &[(10.0, 0.058)] },
             ],
-            why: "the worst of six views, while their means hold: how many rays a cell stops is known of some dozens of lines, and is \
-                  one number for all directions; few cells are in view at 10 pixels",
+            why: "the worst of six views, while their means hold: how many rays a cell stops is known of some dozens \
+                  of lines, and is one number for all directions; few cells are in view at 10 pixels",
         },
     },
     Row {
@@ -80,8 +80,8 @@ pub const DESIGN: [Row; 14] = [
         tests: &["normals::opposing_sheets", "normals::thin_plates"],
         state: Misses {
             measures: &[Missed { measure: "plates: brightness", at: &[(3.0, 0.028), (10.0, 0.045)] }],
-            why: "measured where the exact picture shows something, so that rays which pass count, and those that hit beside do not; of \
-                  the whole picture it is 2.4 and 2.9 %",
+            why: "measured where the exact picture shows something, so that rays which pass count, and those that hit \
+                  beside do not; of the whole picture it is 2.4 and 2.9 %",
         },
     },
     Row {
@@ -96,7 +96,8 @@ pub const DESIGN: [Row; 14] = [
     },
     Row {
         fails: "cache far smaller than the working set",
-        must: "every pixel that the exact picture covers is covered; bounded frame time; reads stop when the camera rests",
+        must: "every pixel that the exact picture covers is covered; bounded frame time; reads stop when the camera \
+        rests",
         tests: &[
             "small_cache::covered_and_quiet_at_rest",
             "streaming::a_flight_with_teleports_in_a_small_budget",
@@ -105,8 +106,8 @@ pub const DESIGN: [Row; 14] = [
         ],
         state: Misses {
             measures: &[Missed { measure: "wires in a small cache: pixels uncovered", at: &[(1.0, 0.36)] }],
-            why: "rays pass what stands in for thin things by chance: as much is covered (the first row), not the same pixels; of closed things \
-                  nothing is lost",
+            why: "rays pass what stands in for thin things by chance: as much is covered (the first row), not the \
+                  same pixels; of closed things nothing is lost",
         },
     },
     Row {
@@ -165,8 +166,8 @@ pub const DESIGN: [Row; 14] = [
         tests: &["zoom::onto_a_mandelbulb", "zoom::onto_a_soup", "zoom::onto_wires"],
         state: Misses {
             measures: &[Missed { measure: "wires: largest patch that pops", at: &[(0.5, 26.0), (1.0, 31.0)] }],
-            why: "which rays pass is fixed to the wires, which move over the pixels: neighbouring pixels change in the same frame by chance, \
-                  along whole lengths of upright ones",
+            why: "which rays pass is fixed to the wires, which move over the pixels: neighbouring pixels change in \
+                  the same frame by chance, along whole lengths of upright ones",
         },
     },
     Row {
@@ -205,8 +206,8 @@ pub const BESIDES: [Row; 1] = [Row {
             Missed { measure: "radiance without shadows", at: &[(1.0, 0.016), (3.0, 0.047), (10.0, 0.041)] },
             Missed { measure: "radiance with shadows", at: &[(1.0, 0.019), (3.0, 0.036), (10.0, 0.047)] },
         ],
-        why: "blocks, and with shadows machines: what stands in covers more than there is along outlines, and shadows that begin beside it \
-              probably miss what touches it",
+        why: "blocks, and with shadows machines: what stands in covers more than there is along outlines, and shadows \
+              that begin beside it probably miss what touches it",
     },
 }];
 

@@ -16,7 +16,8 @@ const PAPER: [(&str, &str, [&str; 6]); 3] = [
 pub fn table(records: &[Record]) -> Option<String> {
     let traces = pick::traces(records, "table5");
     let mut text = String::from(
-        "| model | triangles | pictures of primary rays | working set | and shadow rays | working set | and two diffuse rays | working set |\n\
+        "| model | triangles | pictures of primary rays | working set | and shadow rays | working set | and two \
+         diffuse rays | working set |\n\
          |---|---|---|---|---|---|---|---|\n",
     );
     let scenes = pick::scenes(traces.iter().map(|(r, _)| *r));
@@ -51,15 +52,16 @@ pub fn table(records: &[Record]) -> Option<String> {
     for (model, triangles, cells) in PAPER {
         let [a, b, c, d, e, f] = cells;
         text += &format!(
-            "| {model}, in the paper | {triangles} | {a} a second | {b} MB | {c} a second | {d} MB | {e} a second | {f} MB |\n"
+            "| {model}, in the paper | {triangles} | {a} a second | {b} MB | {c} a second | {d} MB | {e} a second | \
+            {f} MB |\n"
         );
     }
     text += &format!(
         "\n{}\n",
         pick::foot(
             traces.iter().map(|(r, _)| *r),
-            "Rays alone, without shading and filtering; shadow rays of diffuse hits are not traced, but taken to cost what those of pixels cost. Working \
-         sets: decoded blocks that the kind of rays needs that needs most."
+            "Rays alone, without shading and filtering; shadow rays of diffuse hits are not traced, but taken to cost \
+             what those of pixels cost. Working sets: decoded blocks that the kind of rays needs that needs most."
         )
     );
     (!scenes.is_empty()).then_some(text)
