@@ -1,4 +1,5 @@
-//! Foundations for all other rooms: errors, ids, progress and cancellation, workers, the handle of a job, items by group. Uses nothing.
+//! Foundations for all other rooms: errors, ids, progress and cancellation, workers, the handle of a job, items by
+//! group. Uses nothing.
 
 pub mod account;
 pub mod bytes;
