@@ -324,6 +324,10 @@ pub unsafe extern "C" fn oc_scene_closest(
 /// With OC_QUERY_NOW, 1 also means that the missing data may contain a hit. With a footprint, 0 also means that
 /// stand-ins transmitted the ray.
 ///
+/// On a long thin triangle that the ray meets edge-on, the distance may have an error that is greater than its last
+/// digits in single precision. Such a hit may count here, while oc_scene_closest, which computes positions and errors
+/// in double precision, finds it outside of the interval.
+///
 /// Errors: as for oc_scene_closest.
 ///
 /// Thread safety: any thread. Blocks; may read the disk.

@@ -287,7 +287,8 @@ impl SceneState {
         into_slice(hits, |hits, out| out.copy_from_slice(hits), |hits| self.closest_batch(&rays, hits, options))
     }
 
-    /// Writes 1 for each ray that hits anything within its interval, else 0. Otherwise like [`SceneState::closest`].
+    /// Writes 1 for each ray that hits anything within its interval, else 0. Otherwise like [`SceneState::closest`]. On
+    /// slivers that a ray meets edge-on, the interval is that of distances in single precision.
     pub fn any(&self, rays: &[Ray], options: QueryOptions, hits: &mut [u8]) -> Result<()> {
         same_length(rays.len(), hits.len())?;
         let put = |hits: &[Hit], out: &mut [u8]| {

@@ -21,8 +21,11 @@ use outcrop::capi::status::*;
 use outcrop::capi::triangles::*;
 use outcrop::capi::version::*;
 use outcrop::capi::view::*;
+use std::collections::VecDeque;
 use std::ffi::{CStr, CString, c_char, c_void};
 use std::ptr::{null, null_mut};
+use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
+use std::sync::{Mutex, PoisonError};
 
 /// Most calls of an input.
 const CALLS: usize = 60;
@@ -135,15 +138,22 @@ struct Io {
     bytes: &'static [u8],
     /// Reads up to this one succeed.
     fails_at: u32,
-    reads: std::sync::atomic::AtomicU32,
+    reads: AtomicU32,
 }
+
+/// The sources of this input and of those before it. A source must outlive the last handle until it is closed, which
+/// another thread may do a moment later.
+static SOURCES: Mutex<VecDeque<Box<Io>>> = Mutex::new(VecDeque::new());
+
+/// Number of sources that are kept.
+const SOURCES_KEPT: usize = 4096;
 
 /// # Safety
 /// `user` is an [`Io`], and `buffer` has room for `bytes`.
 unsafe extern "C" fn read_at(user: *mut c_void, offset: u64, buffer: *mut c_void, bytes: u64) -> u32 {
-    // SAFETY: the function's own contract; the objects keep the `Io` until all else is released.
+    // SAFETY: the function's own contract; `SOURCES` keeps the `Io` long enough.
     let io = unsafe { &*user.cast::<Io>() };
-    if io.reads.fetch_add(1, std::sync::atomic::Ordering::Relaxed) >= io.fails_at {
+    if io.reads.fetch_add(1, Relaxed) >= io.fails_at {
         return 5;
     }
     let Some(from) = io.bytes.get(offset as usize..(offset + bytes) as usize) else { return 1 };
@@ -152,10 +162,16 @@ unsafe extern "C" fn read_at(user: *mut c_void, offset: u64, buffer: *mut c_void
     0
 }
 
-fn io(u: &mut Unstructured, o: &mut Objects) -> Result<oc_io> {
+fn io(u: &mut Unstructured) -> Result<oc_io> {
     let bytes = base_models::bytes(u.int_in_range(0..=base_models::COUNT - 1)?);
     let fails_at = if u.ratio(1, 4)? { u.int_in_range(0..=12)? } else { u32::MAX };
-    let user = o.keep(Io { bytes, fails_at, reads: 0.into() }).cast();
+    let mut io = Box::new(Io { bytes, fails_at, reads: 0.into() });
+    let user = (&raw mut *io).cast();
+    let mut sources = SOURCES.lock().unwrap_or_else(PoisonError::into_inner);
+    sources.push_back(io);
+    if sources.len() > SOURCES_KEPT {
+        sources.pop_front();
+    }
     let size = if u.ratio(1, 16)? { u.arbitrary()? } else { bytes.len() as u64 };
     Ok(oc_io { size, read_at: if u.ratio(1, 30)? { None } else { Some(read_at) }, user, ..init() })
 }
@@ -377,7 +393,7 @@ unsafe fn models(u: &mut Unstructured, o: &mut Objects) -> Result<()> {
         let (context, model) = (o.any(Kind::Context, u)?, o.any(Kind::Model, u)?.cast::<oc_model>());
         match u.int_in_range(0..=7)? {
             0 | 1 => {
-                let mut io = io(u, o)?;
+                let mut io = io(u)?;
                 let io = given(u, &mut io)?;
                 o.made(Kind::Model, |out| fine(oc_model_open_io(context.cast(), io, out)));
             }
@@ -386,7 +402,7 @@ unsafe fn models(u: &mut Unstructured, o: &mut Objects) -> Result<()> {
                 o.made(Kind::Model, |out| fine(oc_model_open(context.cast(), path, out)));
             }
             3 => {
-                let mut io = io(u, o)?;
+                let mut io = io(u)?;
                 let (io, path) = if u.arbitrary()? { (given(u, &mut io)?, null()) } else { (null_mut(), path(u, o)?) };
                 o.made(Kind::Job, |out| fine(oc_model_load(context.cast(), path, io, out)));
             }
