@@ -16,4 +16,5 @@ mod picture_errors;
 mod picture_perceived;
 mod promise;
 mod shadows;
+mod smooth;
 mod stability;

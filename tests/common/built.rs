@@ -103,9 +103,9 @@ pub struct Built {
     _folder: tempfile::TempDir,
 }
 
-/// Usual options, for the structure of the running test.
+/// Usual options, for the structure of the running test: faces are flat, as they are for the oracles.
 pub fn options() -> BuildOptions {
-    BuildOptions { structure: structure(), ..Default::default() }
+    BuildOptions { structure: structure(), crease_angle: -1.0, ..Default::default() }
 }
 
 /// Builds a file; `fill` pushes into the sink.

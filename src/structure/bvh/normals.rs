@@ -6,9 +6,9 @@
 //! | .. | u16 for each window: the word at which its record begins, or 0 if its triangles are flat; padded to a word |
 //! | .. | the records |
 //!
-//! A record begins with a word whose bit `i` is set if a leaf begins at triangle `i` of the window. A u16 for each such
-//! leaf follows: its class in bits 0 to 3, the number of its first entry in the record above. Entries of 12 bits follow
-//! without a gap; the record is padded to a word.
+//! A record begins with a word whose bit `i` is set if a leaf begins at triangle `i` of the window. A u8 for each such
+//! leaf follows: its class in bits 0 to 3; above, the number of its vertices less 1, or of its triangles less 1, by the
+//! class. Entries of 12 bits follow without a gap, leaf by leaf; the record is padded to a word.
 //!
 //! | class | entries |
 //! |---|---|
@@ -17,7 +17,7 @@
 //! | 5 | two for each vertex |
 //! | 6 to 9, 10 | as 1 to 5, for each corner, triangle by triangle |
 //!
-//! The *frame* of a leaf is the normal of its first triangle and two directions across. One entry holds the components
+//! The *frame* of a leaf is the mean normal of its first and its last triangle and two directions across. One entry holds the components
 //! of a unit normal across the frame, each of 6 bits in units of 1/31 of the class's limit: the less the normals of a
 //! leaf differ, the finer they are. Two entries hold the two coordinates of the unfolded octahedron
 //! (`math::octahedral`) in 12 bits each. Entries whose bits are all set stand for the triangle's own normal.
@@ -60,7 +60,7 @@ pub struct Encoder {
 #[derive(Default)]
 struct Window {
     begins: u32,
-    heads: Vec<u16>,
+    heads: Vec<u8>,
     entries: Vec<u16>,
 }
 
@@ -72,9 +72,9 @@ impl Encoder {
         self.windows.resize_with(self.triangles.div_ceil(WINDOW), Window::default);
         let window = &mut self.windows[first / WINDOW];
         window.begins |= 1 << (first % WINDOW);
-        let at = window.entries.len();
         let class = leaf.encode(&mut window.entries);
-        window.heads.push(class as u16 | (at as u16) << 4);
+        let count = if class <= CLASSES { leaf.vertices } else { leaf.triangles.len() };
+        window.heads.push(class as u8 | (count as u8 - 1) << 4);
     }
 
     /// The words of the block.
@@ -95,7 +95,7 @@ impl Encoder {
 impl Window {
     fn put(&self, words: &mut Vec<u32>) {
         words.push(self.begins);
-        let mut bytes: Vec<u8> = self.heads.iter().flat_map(|head| head.to_le_bytes()).collect();
+        let mut bytes = self.heads.clone();
         for pair in self.entries.chunks(2) {
             let both = u32::from(pair[0]) | pair.get(1).map_or(0, |&second| u32::from(second) << 12);
             bytes.extend(&both.to_le_bytes()[..3]);
@@ -115,7 +115,7 @@ impl LeafNormals<'_> {
         let codes: &[u32] = of_vertices.as_deref().unwrap_or(self.codes.as_flattened());
         let normals: Vec<Option<Vec3>> =
             codes.iter().map(|&code| (code >= 2).then(|| octahedral::decode(code))).collect();
-        let frame = Frame::of(&self.triangles[0]);
+        let frame = Frame::of([&self.triangles[0], &self.triangles[self.triangles.len() - 1]]);
         let class = (1..WIDE).find(|&class| normals.iter().flatten().all(|n| frame.holds(*n, limit(class))));
         for normal in normals {
             match (normal, class) {
@@ -159,11 +159,14 @@ struct Frame {
 }
 
 impl Frame {
-    /// The frame of a leaf with this first triangle. (Duff and others, "Building an Orthonormal Basis, Revisited", JCGT
-    /// 2017.)
+    /// The frame of a leaf with this first and this last triangle. (Duff and others, "Building an Orthonormal Basis,
+    /// Revisited", JCGT 2017.)
     #[inline(always)]
-    fn of(triangle: &[Vec3; 3]) -> Self {
-        let n = own_normal(triangle);
+    fn of([first, last]: [&[Vec3; 3]; 2]) -> Self {
+        let first = own_normal(first);
+        let sum = first + own_normal(last);
+        let square = sum.length_squared();
+        let n = if square > 0.01 { sum / square.sqrt() } else { first } + Vec3::ZERO;
         let sign = 1.0f32.copysign(n.z);
         let a = -1.0 / (sign + n.z);
         let b = n.x * n.y * a;
@@ -220,18 +223,18 @@ pub fn of_triangle(words: &[u32], leaf: &Leaf, index: usize) -> Option<[Vec3; 3]
     let begins = record.first()?;
     let before = (begins & ((1 << first) - 1)).count_ones() as usize;
     let bytes: &[u8] = cast_slice(&record[1..]);
-    let head = u32::from(u16::from_le_bytes([*bytes.get(2 * before)?, *bytes.get(2 * before + 1)?]));
-    let class = head & 15;
+    let (heads, rest) = bytes.split_at_checked(begins.count_ones() as usize)?;
+    let class = u32::from(*heads.get(before)?) & 15;
     if begins >> first & 1 == 0 || class == 0 || class > 2 * CLASSES {
         return None;
     }
-    let entries = Entries { bytes: bytes.get(2 * begins.count_ones() as usize..)?, first: (head >> 4) as usize };
+    let entries = Entries { bytes: rest, first: heads[..before].iter().map(|head| entries_of(*head)).sum() };
     let corners = leaf.triangle(index);
     let number = |corner: usize| {
         if class > CLASSES { 3 * index + corner } else { usize::from(leaf.corners8(corner)[index & 7]) }
     };
     let class = if class > CLASSES { class - CLASSES } else { class };
-    let frame = Frame::of(&leaf.triangle(0));
+    let frame = Frame::of([&leaf.triangle(0), &leaf.triangle(leaf.triangles - 1)]);
     let mut normals = [Vec3::ZERO; 3];
     for (corner, normal) in normals.iter_mut().enumerate() {
         let number = number(corner);
@@ -248,6 +251,15 @@ pub fn of_triangle(words: &[u32], leaf: &Leaf, index: usize) -> Option<[Vec3; 3]
         };
     }
     Some(normals)
+}
+
+/// Number of the entries of a leaf.
+#[inline(always)]
+fn entries_of(head: u8) -> usize {
+    let (class, count) = (usize::from(head & 15), usize::from(head >> 4) + 1);
+    // Per class: entries for each vertex or triangle.
+    const EACH: [u8; 16] = [0, 1, 1, 1, 1, 2, 3, 3, 3, 3, 6, 0, 0, 0, 0, 0];
+    usize::from(EACH[class]) * count
 }
 
 /// The entries of a leaf.
