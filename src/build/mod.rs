@@ -7,9 +7,9 @@
 //!    shape go to further trees with other origins;
 //! 3. **distribute** (`survey`, `regions`, `distribute`, `margins`), for meshes that do not fit: triangles are sorted
 //!    into chunks of neighbouring triangles, each of which fits, and each chunk gets the triangles around it;
-//! 4. **build** (`mesh`; `tight` for the bounds of turned placements): normals are made (`normals`), and the structure's baker (`structure::bake`) makes
-//!    a tree and its blocks of each chunk. The blocks are put aside; the top of the tree stays, and is joined to the
-//!    coarse blocks of the mesh;
+//! 4. **build** (`mesh`; `tight` for the bounds of turned placements): normals are made (`normals`), and the
+//!    structure's baker (`structure::bake`) makes a tree and its blocks of each chunk. The blocks are put aside; the
+//!    top of the tree stays, and is joined to the coarse blocks of the mesh;
 //! 5. **write** (`output`): coarse blocks, then those of each further class; blocks are encoded in parallel and written
 //!    in order;
 //! 6. **seal** (`seal`): primitive ids, colours, normals, tables, checksums, sync, rename.

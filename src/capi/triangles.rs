@@ -59,8 +59,8 @@ pub struct oc_triangles {
     pub normals: *const f32,
     /// Bytes from one normal to the next. 0: tightly packed.
     pub normal_stride: u64,
-    /// Array of colours, one for each entry of `positions`: three floats, linear RGB, which are interpolated. NULL: none.
-    /// With `colours` it must be NULL.
+    /// Array of colours, one for each entry of `positions`: three floats, linear RGB, which are interpolated. NULL:
+    /// none. With `colours` it must be NULL.
     pub position_colours: *const f32,
     /// Bytes from one of these colours to the next. 0: tightly packed.
     pub position_colour_stride: u64,

@@ -721,7 +721,7 @@ static void queries(oc_context *c, oc_scene *s0) {
     GARBAGE_SIZES(oc_query, oc_scene_any(s0, s, &any, 0));
     GARBAGE_SIZES(oc_query, oc_scene_closest_start(s0, s, hit, 0, &job));
     GARBAGE_SIZES(oc_query, oc_scene_any_start(s0, s, &any, 0, &job));
-    q.want = 256;
+    q.want = 512;
     INVALID(oc_scene_closest(s0, &q, hit, 0));
     q.want = 0, q.flags = 4;
     INVALID(oc_scene_closest(s0, &q, hit, 0));

@@ -322,8 +322,8 @@ impl<const N: usize> Seen<N> {
         }
     }
 
-    /// Fills the shading normals of triangle hits. Only the blocks of normals may be missing, where the fields before are
-    /// known.
+    /// Fills the shading normals of triangle hits. Only the blocks of normals may be missing, where the fields before
+    /// are known.
     #[inline(never)]
     fn fill_shading(
         &self,

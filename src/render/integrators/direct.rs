@@ -6,16 +6,13 @@ use super::material::Material;
 use super::plain::{self, Plain};
 use super::sampling::{Widths, offset};
 use super::shading::Shading;
-use super::smooth::Smooth;
-use super::surface::{BESIDE, DIAGONAL, Surface, back, width_at};
-use crate::lod::Facing;
+use super::surface::Surface;
 use crate::math::PACKET;
 use crate::math::bits;
 use crate::math::srgb::Srgb;
 use crate::math::{Cone, Ray};
-use crate::query::answers::{WorldNormal, meet};
-use crate::query::stand_in::{self, Look};
-use crate::query::{HitKind, NONE};
+use crate::query::NONE;
+use crate::query::stand_in;
 use crate::render::wants::Wants;
 use crate::scene::camera::PixelRays;
 use crate::scene::light::LightKind;
@@ -372,80 +369,8 @@ impl Direct<'_> {
         (hits, scratch.group.have_transmitted())
     }
 
-    /// Returns the surface of a hit; `None` if it goes through the ray's origin (see [`AT_EYE`]). If `seen` is given,
-    /// stores the requested data of the first surface in it. `ahead`: distance from the eye at which the ray begins.
-    fn surface(
-        &self,
-        ray: &Ray,
-        ahead: f64,
-        found: &Found,
-        seen: Option<&mut Layer>,
-        wants: &mut Wants,
-    ) -> Result<Option<Surface>, Need> {
-        if let Some(look) = stand_in::look(&self.view, ray, found) {
-            return self.stand_in(ray, ahead, found, &look, seen, wants).map(Some);
-        }
-        let placed = &self.view.scene.placement.placed[found.placed as usize];
-        let need = |block| Need { model: placed.model, block };
-        let (triangle, part) = self.view.triangle(found)?;
-        if ahead == 0.0 && is_at_origin(placed, &triangle, ray) {
-            return Ok(None);
-        }
-        let tree = self.view.tree(found.placed);
-        let normal = WorldNormal::new(placed, &triangle.vertices).facing(ray.dir);
-        let uv = [found.tri.u, found.tri.v];
-        let normals = match tree.normals(&found.tri) {
-            Ok(normals) => normals,
-            Err(block) => self.later(need(block), wants).map(|()| None)?,
-        };
-        let smooth = normals.map(|normals| Smooth { placed, triangle: &triangle, normals, uv, facing: normal });
-        let shading = smooth.as_ref().map_or(normal, |smooth| smooth.normal(ray.dir));
-        if let Some(seen) = seen {
-            (seen.kind, seen.normal, seen.shading_normal) = (HitKind::Exact, normal.into(), shading.into());
-            if self.asks.precise {
-                self.measure(ray, ahead, found, &triangle, seen);
-            }
-            if self.asks.ids {
-                (seen.part, seen.instance) = self.ids(found.placed, part);
-            }
-            if self.asks.prims {
-                seen.prim = match tree.prim(&found.tri) {
-                    Ok(prim) => prim.map_or(NONE, u64::from),
-                    Err(block) => self.later(need(block), wants).map(|()| NONE)?,
-                };
-            }
-        }
-        let own = || match tree.colours(&found.tri) {
-            Ok(colours) => Ok(colours.and_then(|colours| self.mixed(colours, uv))),
-            Err(block) => self.later(need(block), wants).map(|()| None),
-        };
-        let material = self.material(found.placed, part, own)?;
-        let leave = placed.extent() * LEAVE;
-        let position = ray.origin + ray.dir.as_dvec3() * found.t;
-        let width = width_at(ray, found.t);
-        // Adjacent stand-ins of the same surface protrude from it. (Áfra 2012, section 6.2, begins rays behind them, in
-        // the open. Here the near range is tested against triangles, so that rays skip no wall. Under pressure it is
-        // not, because that would need more blocks when fewer fit.)
-        let near = if self.is_pressed { 0.0 } else { f64::from(width * DIAGONAL) };
-        let seen_from = if self.is_pressed { back(ray, found.t, normal, BESIDE * f64::from(width)) } else { position };
-        let raised = if self.casts() { smooth.map_or(seen_from, |smooth| smooth.raised(seen_from)) } else { seen_from };
-        let from = raised + normal.as_dvec3() * leave;
-        let facing = Facing::flat(shading);
-        Ok(Some(Surface { position, normal: shading, facing, material, from, next: found.t + leave, width, near }))
-    }
-
-    /// Computes depth and error of a triangle's hit in double precision.
-    #[inline(never)]
-    fn measure(&self, ray: &Ray, ahead: f64, found: &Found, triangle: &Triangle, seen: &mut Layer) {
-        let placed = &self.view.scene.placement.placed[found.placed as usize];
-        let meeting = meet(placed, &triangle.vertices, ray, found.t);
-        seen.depth = self.depth(ray, meeting.t + ahead);
-        seen.error = meeting.error(placed, ray);
-        seen.error_px = (f64::from(seen.error) / self.rays.pixel_width(meeting.t + ahead)) as f32;
-    }
-
     /// Depth of the point at distance `t` from the eye.
-    fn depth(&self, ray: &Ray, t: f64) -> f32 {
+    pub(super) fn depth(&self, ray: &Ray, t: f64) -> f32 {
         (ray.dir.as_dvec3() * t).dot(self.rays.forward()) as f32
     }
 
@@ -463,60 +388,14 @@ impl Direct<'_> {
         error / (self.rays.pixel_width(t).max(f64::MIN_POSITIVE) as f32)
     }
 
-    /// Returns the surface of a stand-in. Its shadow rays begin on the camera ray, above the stand-in's cell and above
-    /// adjacent cells if the surface continues evenly. (Áfra 2012, section 6.2, begins them a cell's diagonal towards
-    /// the light, which may be behind a nearer wall.)
-    fn stand_in(
-        &self,
-        ray: &Ray,
-        ahead: f64,
-        found: &Found,
-        look: &Look,
-        seen: Option<&mut Layer>,
-        wants: &mut Wants,
-    ) -> Result<Surface, Need> {
-        let scene = self.view.scene;
-        let placed = &scene.placement.placed[found.placed as usize];
-        let along = ray.dir.as_dvec3() * look.t;
-        let wanted = self.view.wanted(found);
-        if wanted.is_some() || seen.is_some() {
-            let error = look.error();
-            let error_px = self.in_pixels(error, look.t + ahead);
-            if let Some(need) = wanted {
-                wants.add(need, error_px.min(1e6));
-            }
-            if let Some(seen) = seen {
-                seen.kind = if look.is_missing() { HitKind::Missing } else { HitKind::Lod };
-                (seen.normal, seen.shading_normal) = (look.normal().into(), look.normal().into());
-                (seen.error, seen.error_px) = (error, error_px);
-                seen.depth = self.depth(ray, look.t + ahead);
-                if self.asks.ids {
-                    (seen.part, seen.instance) = self.ids(found.placed, look.part());
-                }
-            }
-        }
-        let mut material = self.material(found.placed, look.part(), || Ok(None))?;
-        if let Some(colour) = look.colour().filter(|_| !self.recoloured(found.placed, look.part())) {
-            material.colour = colour;
-        }
-        let (position, width) = (ray.origin + along, width_at(ray, look.t));
-        // `above` is needed only if lights cast shadows, `leave` only if the ray continues.
-        let extent = placed.extent() * LEAVE;
-        let above = if self.casts() { look.above() } else { 0.0 };
-        let from =
-            back(ray, look.t, look.normal(), above + BESIDE * f64::from(width)) + look.normal().as_dvec3() * extent;
-        let next = if material.opacity < 1.0 { look.leave() } else { look.t } + extent;
-        Ok(Surface { position, normal: look.normal(), facing: look.facing(), material, from, next, width, near: 0.0 })
-    }
-
     /// True if a light may cast shadows.
-    fn casts(&self) -> bool {
+    pub(super) fn casts(&self) -> bool {
         self.view.scene.lights.iter().any(|light| light.kind != LightKind::Headlight)
     }
 
-    /// Handles a missing block with a triangle's id, colours or normals. If missing data is accepted, wants the block, and the
-    /// pixel is rendered without; otherwise fails with the block.
-    fn later(&self, need: Need, wants: &mut Wants) -> Result<(), Need> {
+    /// Handles a missing block with a triangle's id, colours or normals. If missing data is accepted, wants the block,
+    /// and the pixel is rendered without; otherwise fails with the block.
+    pub(super) fn later(&self, need: Need, wants: &mut Wants) -> Result<(), Need> {
         if !self.view.accept_missing {
             return Err(need);
         }

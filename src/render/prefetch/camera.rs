@@ -4,7 +4,7 @@ use super::Lacking;
 use crate::math::Cone;
 use crate::query::stand_in;
 use crate::scene::camera::PixelRays;
-use crate::scene::walk::{SceneView, SceneWalk, Step};
+use crate::scene::walk::{Found, SceneView, SceneWalk, Step};
 
 /// Rays that may still lack blocks.
 pub(super) struct InView {
@@ -61,10 +61,24 @@ impl InView {
             return true;
         }
         let found = self.walk.best();
-        let Some(need) = found.is_hit().then(|| view.wanted(&found)).flatten() else { return false };
+        if !found.is_hit() {
+            return false;
+        }
+        let Some(need) = view.wanted(&found) else { return look_beside(view, &found, lacking) };
         let (t, error) = stand_in::look(view, &ray, &found).map_or((found.t, 0.0), |look| (look.t, look.error()));
         let width = f64::from(pixel.a) + f64::from(pixel.b) * t;
         lacking.add(need, (f64::from(error) / width.max(f64::MIN_POSITIVE)) as f32);
         true
     }
+}
+
+/// Adds the blocks that shading the triangle of a hit needs. Returns true if one is missing.
+fn look_beside(view: &SceneView, found: &Found, lacking: &mut Lacking) -> bool {
+    if found.tri.stand_in().is_some() {
+        return false;
+    }
+    let tree = view.tree(found.placed);
+    let missing = [tree.normals(&found.tri).err(), tree.colours(&found.tri).err()];
+    missing.iter().flatten().for_each(|block| lacking.add(view.need(found.placed, *block), 0.0));
+    missing.iter().any(Option::is_some)
 }

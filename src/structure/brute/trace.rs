@@ -38,7 +38,8 @@ pub struct TreeView<'a> {
     pub prims_at: u32,
     /// The same difference for colours; `None` if the model has none.
     pub colours_at: Option<u32>,
-    /// Offset from the id of a block to the id of the block that holds its normals; `None` if each triangle's is its own.
+    /// Offset from the id of a block to the id of the block that holds its normals; `None` if each triangle's is its
+    /// own.
     pub normals_at: Option<u32>,
     /// Instruction set to trace with.
     pub isa: Isa,

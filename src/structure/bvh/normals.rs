@@ -17,10 +17,10 @@
 //! | 5 | two for each vertex |
 //! | 6 to 9, 10 | as 1 to 5, for each corner, triangle by triangle |
 //!
-//! The *frame* of a leaf is the mean normal of its first and its last triangle and two directions across. One entry holds the components
-//! of a unit normal across the frame, each of 6 bits in units of 1/31 of the class's limit: the less the normals of a
-//! leaf differ, the finer they are. Two entries hold the two coordinates of the unfolded octahedron
-//! (`math::octahedral`) in 12 bits each. Entries whose bits are all set stand for the triangle's own normal.
+//! The *frame* of a leaf is the mean normal of its first and its last triangle and two directions across. One entry
+//! holds the components of a unit normal across the frame, each of 6 bits in units of 1/31 of the class's limit: the
+//! less the normals of a leaf differ, the finer they are. Two entries hold the two coordinates of the unfolded
+//! octahedron (`math::octahedral`) in 12 bits each. Entries whose bits are all set stand for the triangle's own normal.
 //!
 //! Readers test every access, for the block of triangles and this one may not match in a malformed file.
 

@@ -65,8 +65,8 @@ impl Asked {
         Self(contexts(256 << 20).iter().map(|context| opened(context, path)).collect())
     }
 
-    /// Returns the hits of all rays: the same as single rays and in packets, on every instruction set. `any` agrees with
-    /// the hits in double precision or, on slivers, in single precision.
+    /// Returns the hits of all rays: the same as single rays and in packets, on every instruction set. `any` agrees
+    /// with the hits in double precision or, on slivers, in single precision.
     pub fn same(&self, rays: &[Ray]) -> Vec<Hit> {
         let mut answers = self.0.iter().flat_map(|state| [false, true].map(|coherent| closest(state, rays, coherent)));
         let first = answers.next().expect("an instruction set");
