@@ -180,3 +180,75 @@ fn add(to: &mut Batch, from: &Batch, i: usize) {
     to.parts.push(from.parts[i]);
     to.prims.push(from.prims[i]);
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::progress::Cancel;
+    use crate::base::quota::Quota;
+    use crate::base::scratch::{Scratch, ScratchSpace};
+    use crate::structure::Par;
+    use std::collections::{BTreeMap, BTreeSet};
+
+    fn load(bucket: &Bucket, from: &Scratch) -> Vec<(u32, [Vec3; 3])> {
+        let batches = bucket.extents.iter().map(|extent| batch::read(from, extent).expect("a batch"));
+        let all = batches.flat_map(|batch| {
+            let prims = batch.prims.clone();
+            prims.into_iter().zip(positions(&batch).to_vec()).collect::<Vec<_>>()
+        });
+        all.collect()
+    }
+
+    /// Each margin has the triangles of other chunks at the chunk's vertices, each once, and hardly any others.
+    #[test]
+    fn margins_are_the_triangles_around_a_chunk() {
+        let side = 60;
+        let at = |x: usize, y: usize| Vec3::new(x as f32, y as f32, ((x * 7 + y * 3) % 11) as f32 * 0.3);
+        let square = |i: usize| {
+            let (x, y) = (i % side, i / side);
+            [[at(x, y), at(x + 1, y), at(x, y + 1)], [at(x + 1, y), at(x + 1, y + 1), at(x, y + 1)]]
+        };
+        let triangles: Vec<[Vec3; 3]> = (0..side * side).flat_map(square).collect();
+        for threads in [1, 2] {
+            let to = ScratchSpace::limited(None, Quota::new(0)).file().expect("a file");
+            let (par, cancel) = (Par { threads }, Cancel::new());
+            let by = Distributor { most: 1000, waiting: 5000, to: &to, par: &par, cancel: &cancel };
+            // Stripes, and one chunk that has triangles everywhere.
+            let chunk_of = |i: usize| if i % 97 == 5 { 9 } else { i * 9 / triangles.len() };
+            let mut pools: Vec<Pool> = (0..10).map(|_| Pool::new()).collect();
+            for (i, triangle) in triangles.iter().enumerate() {
+                let mut one = Batch::empty(true);
+                let from = Batch {
+                    positions: Positions::Single(vec![*triangle]),
+                    parts: vec![0],
+                    prims: vec![i as u32],
+                    ..Batch::empty(true)
+                };
+                add(&mut one, &from, 0);
+                pools[chunk_of(i)].add(one, Bounds::EMPTY);
+            }
+            let chunks = by.buckets(pools).expect("chunks");
+            let margins = find(&by, &chunks).expect("margins");
+            let mut chunks_at: BTreeMap<[u32; 3], BTreeSet<usize>> = BTreeMap::new();
+            for (i, triangle) in triangles.iter().enumerate() {
+                for p in triangle {
+                    chunks_at.entry(p.to_array().map(f32::to_bits)).or_default().insert(chunk_of(i));
+                }
+            }
+            for (chunk, margin) in margins.iter().enumerate() {
+                let found = load(margin, &to);
+                let prims: BTreeSet<u32> = found.iter().map(|(prim, _)| *prim).collect();
+                assert_eq!(prims.len(), found.len());
+                let touches = |triangle: &[Vec3; 3]| {
+                    triangle.iter().any(|p| chunks_at[&p.to_array().map(f32::to_bits)].contains(&chunk))
+                };
+                let expected: BTreeSet<u32> = (0..triangles.len())
+                    .filter(|i| chunk_of(*i) != chunk && touches(&triangles[*i]))
+                    .map(|i| i as u32)
+                    .collect();
+                assert!(!expected.is_empty() && prims.is_superset(&expected), "chunk {chunk}");
+                assert!(prims.len() <= expected.len() + expected.len() / 20, "{} of {}", prims.len(), expected.len());
+            }
+        }
+    }
+}

@@ -306,3 +306,103 @@ fn arc_cosine(x: f32) -> f32 {
     let near = (1.0 - a).sqrt() * (((-0.018_729_3 * a + 0.074_261) * a - 0.212_114_4) * a + 1.570_728_8);
     if x < 0.0 { std::f32::consts::PI - near } else { near }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A dome of hexagons with heights by a hash, so that creases and smooth places alternate.
+    fn bumpy(side: usize, rough: f32) -> Vec<[Vec3; 3]> {
+        let at = |x: usize, y: usize| {
+            let wave = ((x * 7919 + y * 104_729) % 1000) as f32 * 1e-3;
+            Vec3::new(x as f32 + 0.5 * (y % 2) as f32, y as f32, wave * rough)
+        };
+        let square = |i: usize| {
+            let (x, y) = (i % side, i / side);
+            [[at(x, y), at(x + 1, y), at(x, y + 1)], [at(x + 1, y), at(x + 1, y + 1), at(x, y + 1)]]
+        };
+        (0..side * side).flat_map(square).collect()
+    }
+
+    fn made(triangles: &[[Vec3; 3]], prims: &[u32], own: usize, threads: usize) -> Vec<[u32; 3]> {
+        let faces = Faces { triangles, prims, given: &[], own };
+        make(&faces, 40.0, &Par { threads }, &Cancel::new()).expect("normals")
+    }
+
+    /// The same whatever the threads, and for some triangles with those around them behind, in any order.
+    #[test]
+    fn a_part_has_the_normals_of_the_whole() {
+        let triangles = bumpy(50, 1.4);
+        let prims: Vec<u32> = (0..triangles.len() as u32).collect();
+        let whole = made(&triangles, &prims, triangles.len(), 1);
+        assert_eq!(whole, made(&triangles, &prims, triangles.len(), 2));
+        let is_own = |i: usize| i % 100 < 55;
+        let mut order: Vec<usize> = (0..triangles.len()).filter(|i| is_own(*i)).collect();
+        let own = order.len();
+        order.extend((0..triangles.len()).rev().filter(|i| !is_own(*i)));
+        let some: Vec<[Vec3; 3]> = order.iter().map(|i| triangles[*i]).collect();
+        let prims: Vec<u32> = order.iter().map(|i| *i as u32).collect();
+        let part = made(&some, &prims, own, 2);
+        assert!(order[..own].iter().zip(&part).all(|(i, codes)| whole[*i] == *codes));
+        let (flat, smooth): (Vec<u32>, Vec<u32>) = whole.as_flattened().iter().partition(|code| **code == OWN);
+        assert!(flat.len() > 50 && smooth.len() > 5000, "{} flat, {} smooth", flat.len(), smooth.len());
+    }
+
+    /// Brute force in double precision: groups by shared edges below the angle, each with its mean.
+    #[test]
+    fn groups_are_those_of_the_definition() {
+        let triangles = bumpy(12, 1.2);
+        let prims: Vec<u32> = (0..triangles.len() as u32).collect();
+        let found = made(&triangles, &prims, triangles.len(), 1);
+        let across = |i: usize| {
+            let [a, b, c] = triangles[i].map(|p| p.as_dvec3());
+            (b - a).cross(c - a).normalize()
+        };
+        let least = 40f64.to_radians().cos();
+        for (i, triangle) in triangles.iter().enumerate() {
+            for (corner, p) in triangle.iter().enumerate() {
+                let fan: Vec<usize> = (0..triangles.len()).filter(|k| triangles[*k].contains(p)).collect();
+                let meet = |a: usize, b: usize| {
+                    let shared = triangles[a].iter().filter(|q| triangles[b].contains(q)).count();
+                    shared == 2 && across(a).dot(across(b)) >= least
+                };
+                let mut group = vec![i];
+                while let Some(next) = fan.iter().find(|k| !group.contains(k) && group.iter().any(|g| meet(*g, **k))) {
+                    group.push(*next);
+                }
+                let weighted = |k: usize| {
+                    let at = triangles[k].iter().position(|q| q == p).expect("a corner");
+                    let [own, next, last] = [0, 1, 2].map(|j| triangles[k][(at + j) % 3].as_dvec3());
+                    across(k) * (next - own).angle_between(last - own)
+                };
+                let mean = |of: &[usize]| of.iter().map(|k| weighted(*k)).sum::<glam::DVec3>().normalize();
+                let mut expected = mean(&group);
+                if expected.dot(across(i)) < least {
+                    group.retain(|k| across(*k).dot(across(i)) >= least);
+                    expected = mean(&group);
+                }
+                let code = found[i][corner];
+                let normal = if code == OWN { across(i).as_vec3() } else { octahedral::decode(code) };
+                let off = normal.as_dvec3().angle_between(expected).to_degrees();
+                // The quick way takes all faces that are near one another as one group.
+                assert!(off < 0.2 || fan.len() != group.len(), "triangle {i}, corner {corner}: {off} degrees");
+            }
+        }
+    }
+
+    #[test]
+    fn arc_cosines() {
+        for i in -1000..=1000 {
+            let x = i as f32 / 1000.0;
+            assert!((arc_cosine(x) - x.acos()).abs() < 1e-4, "{x}");
+        }
+    }
+
+    #[test]
+    fn directions_of_the_input() {
+        assert_eq!([Vec3::ZERO, Vec3::NAN, Vec3::INFINITY, Vec3::new(0.0, f32::NAN, 1.0)].map(given), [OWN; 4]);
+        for size in [1e-30, 1.0, 1e30] {
+            assert!(octahedral::decode(given(Vec3::new(0.0, size, -size))).y > 0.7);
+        }
+    }
+}
