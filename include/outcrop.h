@@ -141,6 +141,9 @@ typedef struct oc_mapping oc_mapping;
 /** A built model, opened read-only. Scenes share it. */
 typedef struct oc_model oc_model;
 
+/** The triangles of a part of a model, read some at a time. */
+typedef struct oc_part_reader oc_part_reader;
+
 /**
  * A scene: instances of models, lights, and the looks of parts.
  *
@@ -514,8 +517,8 @@ typedef struct oc_triangles {
     /** Bytes from one normal to the next. 0: tightly packed. */
     uint64_t normal_stride;
     /**
-     * Array of colours, one for each entry of `positions`: three floats, linear RGB, which are interpolated. NULL: none.
-     * With `colours` it must be NULL.
+     * Array of colours, one for each entry of `positions`: three floats, linear RGB, which are interpolated. NULL:
+     * none. With `colours` it must be NULL.
      */
     const float *position_colours;
     /** Bytes from one of these colours to the next. 0: tightly packed. */
@@ -852,6 +855,26 @@ typedef struct oc_hit {
      */
     float shading_normal[3];
 } oc_hit;
+
+/** A triangle with all that is stored of it. Element of an array. */
+typedef struct oc_triangle {
+    /**
+     * Corners: in model space from oc_part_reader_next, in world space from oc_scene_triangles. The stored positions are
+     * exact in double precision, unless a transform places them.
+     */
+    double corners[3][3];
+    /** Id of the part, as passed when the model was built. */
+    uint64_t part;
+    /** Index of the triangle in the input of the build, from 0. */
+    uint64_t prim;
+    /**
+     * Unit normals at the corners with which the surface is shaded, on the side from which the corners appear
+     * counter-clockwise. Those of the triangle itself where the model has no others.
+     */
+    float normals[3][3];
+    /** Always 0. */
+    uint32_t reserved;
+} oc_triangle;
 
 /** How a part intersects a volume. */
 typedef uint32_t oc_overlap_kind;
@@ -2209,6 +2232,80 @@ oc_status oc_scene_any_start(const struct oc_scene *scene,
                              uint8_t *out_any,
                              uint64_t any_stride,
                              struct oc_job **out_job);
+
+/**
+ * Begins to read the triangles of a part, for example to export it, or to snap to its corners.
+ *
+ * Triangles of parts below it are not included. Each triangle comes once, also if several leaves refer to it, in an
+ * order that depends on nothing but the file. If the part is in a shared mesh, its triangles are placed as they are in
+ * the model.
+ *
+ * - `part`: the id of the part, as passed when the model was built.
+ * - `out_reader`: receives the reader. It keeps the model alive.
+ *
+ * Errors:
+ * - OC_STATUS_INVALID_ARGUMENT: the model has no such part.
+ * - OC_STATUS_OVER_BUDGET: the lists of parts do not fit the budget, nor, in a model whose triangles several leaves may
+ *   refer to, one bit for each triangle of its input.
+ * - OC_STATUS_IO, OC_STATUS_CORRUPT: the lists of parts cannot be read.
+ *
+ * Ownership: the caller receives one reference.
+ * Thread safety: any thread. Blocks; may read the disk.
+ */
+OC_API
+oc_status oc_model_read_part(const struct oc_model *model,
+                             uint64_t part,
+                             struct oc_part_reader **out_reader);
+
+/**
+ * Reads the next triangles of a part.
+ *
+ * - `out_triangles`: receives the triangles, tightly packed.
+ * - `capacity`: greatest number of triangles to read, above 0.
+ * - `out_count`: receives the number of triangles. 0: there are no more.
+ *
+ * Memory: one block of the model at a time, some 600 KB at most, whatever the size of the part.
+ *
+ * Errors:
+ * - OC_STATUS_INVALID_ARGUMENT: `capacity` is 0.
+ * - OC_STATUS_IO, OC_STATUS_CORRUPT: a block cannot be read. The next call tries it again.
+ *
+ * Thread safety: any thread, one at a time. Blocks; may read the disk.
+ */
+OC_API
+oc_status oc_part_reader_next(struct oc_part_reader *reader,
+                              struct oc_triangle *out_triangles,
+                              uint64_t capacity,
+                              uint64_t *out_count);
+
+/** Adds one reference. NULL: does nothing. Thread safety: any thread. Cheap. */
+OC_API void oc_part_reader_retain(struct oc_part_reader *reader);
+
+/** Releases one reference. NULL: does nothing. Thread safety: any thread. Cheap. */
+OC_API void oc_part_reader_release(struct oc_part_reader *reader);
+
+/**
+ * Returns the triangles of hits, in world space: to snap to corners and edges, or to highlight what was picked.
+ *
+ * - `hits`: hits of oc_scene_closest or oc_frame_pick in this scene, exact ones with `position`, `part`, `instance` and
+ *   `prim`.
+ * - `count`: number of hits.
+ * - `hit_stride`: bytes from one hit to the next. 0: tightly packed.
+ * - `out_triangles`: receives one triangle for each hit, tightly packed. Do not use it if the call fails.
+ *
+ * Errors:
+ * - OC_STATUS_INVALID_ARGUMENT: a hit has not all of these members, or no triangle of the committed scene has its ids at
+ *   its position. The message names its number.
+ * - OC_STATUS_IO, OC_STATUS_CORRUPT: a block cannot be read.
+ *
+ * Thread safety: any thread. Blocks; may read the disk.
+ */
+OC_API
+oc_status oc_scene_triangles(const struct oc_scene *scene,
+                             const struct oc_hit *hits,
+                             uint64_t count,
+                             uint64_t hit_stride,
+                             struct oc_triangle *out_triangles);
 
 /**
  * Finds the visible parts that intersect a box. The test is exact: it tests triangles, not bounds.

@@ -18,6 +18,7 @@ const SOURCES: &[&str] = &[
     "scene.rs",
     "looks.rs",
     "query.rs",
+    "geometry.rs",
     "overlap.rs",
     "frame.rs",
     "pixels.rs",

@@ -4,6 +4,7 @@ use outcrop::capi::build::oc_build_desc;
 use outcrop::capi::contents::{oc_material, oc_part};
 use outcrop::capi::context::{oc_context_desc, oc_executor};
 use outcrop::capi::frame::{oc_frame_accuracy, oc_frame_desc, oc_frame_settings};
+use outcrop::capi::geometry::oc_triangle;
 use outcrop::capi::job::oc_progress;
 use outcrop::capi::looks::oc_look;
 use outcrop::capi::model::{oc_io, oc_model_info, oc_part_info};
@@ -74,6 +75,7 @@ fn layouts() -> Vec<Layout> {
         oc_ray { origin, t_min, t_max, direction, cone_a, cone_b, mask }
         oc_query { struct_size, want, flags, reserved, rays, count, stride }
         oc_hit { t, position, t_free, part, instance, prim, normal, uv, error, kind, shading_normal }
+        oc_triangle { corners, part, prim, normals, reserved }
         oc_overlap { instance, part, kind, reserved }
         oc_plane { normal, d }
         oc_target { memory, size, row_pitch, buffer, reserved }

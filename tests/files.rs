@@ -16,6 +16,7 @@ mod models;
 mod needs;
 mod out_of_core_build;
 mod prefetch;
+mod read_back;
 mod residency;
 mod sheet;
 mod streaming;

@@ -14,6 +14,7 @@ pub mod contents;
 pub mod context;
 pub(crate) mod fork;
 pub mod frame;
+pub mod geometry;
 pub(crate) mod guard;
 pub(crate) mod handles;
 pub mod job;

@@ -8,6 +8,7 @@ mod asks;
 pub mod batch;
 mod beyond;
 mod chunk;
+pub mod geometry;
 pub mod hit;
 pub(crate) mod needs;
 pub mod overlap;
@@ -18,5 +19,6 @@ mod volume;
 
 pub(crate) use answers::stand_in;
 pub use batch::{AHEAD, Hits, PACKET, Policy, Query, QueryOptions, QueryState, QueryStatus, Rays};
+pub use geometry::{PartReader, StoredTriangle};
 pub use hit::{Hit, HitKind, NONE, Want};
 pub use overlap::{How, PartOverlap, Plane};

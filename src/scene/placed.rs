@@ -169,6 +169,16 @@ impl Placed {
         }
     }
 
+    /// Greatest magnitude of a coordinate in the tree's frame.
+    pub fn max_coord(&self) -> f64 {
+        self.max_coord
+    }
+
+    /// The map from the tree's frame to the world.
+    pub fn frame(&self) -> DAffine3 {
+        DAffine3 { matrix3: self.linear, translation: self.offset }
+    }
+
     /// Bounds in the world of all that rays may hit in the tree, stand-ins included; `tree` must be the placed tree. A
     /// ray that misses this box hits nothing in the tree.
     pub fn hit_bounds(&self, tree: &StoredTree) -> DBounds {

@@ -118,6 +118,27 @@ pub fn block_parts(file: &ModelFile, tree: &TreeRow, id: BlockId, words: &[u32])
     Ok(found)
 }
 
+/// A block with triangles, and the block whose list of parts holds its parts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Holder {
+    /// The block with the list.
+    pub listed_by: BlockId,
+    /// The block with the triangles.
+    pub block: BlockId,
+}
+
+/// Returns block `index` of those of a tree that hold triangles; `None` behind the last.
+pub fn holder(file: &ModelFile, tree: &TreeRow, index: usize) -> Result<Option<Holder>> {
+    let index = u32::try_from(index).unwrap_or(u32::MAX);
+    let (first, count, apart) = match structure_of(file)? {
+        Structure::Bvh => bvh::holders(tree),
+        #[cfg(any(test, feature = "brute"))]
+        Structure::Brute => brute::holders(tree),
+    };
+    let holder = |listed_by: u32| Holder { listed_by: BlockId(listed_by), block: BlockId(listed_by + apart) };
+    Ok((index < count).then(|| holder(first + index)))
+}
+
 /// Name of the structure with this number, see [`Structure`].
 pub fn name(number: u32) -> &'static str {
     Structure::from_number(number).map_or("unknown", Structure::name)

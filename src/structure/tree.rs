@@ -236,6 +236,11 @@ impl<'a> Tree<'a> {
         of_each!(self, own => own.wanted(hit))
     }
 
+    /// Visits all triangles of a block of triangles. Fails with the block if it is not in memory.
+    pub fn triangles_of(&self, block: BlockId, visit: &mut dyn FnMut(&TriHit, &Triangle)) -> Result<(), BlockId> {
+        of_each!(self, own => own.triangles_of(block, visit))
+    }
+
     /// Visits the children or triangles below a place. Fails with the block of the place if that is not in memory.
     /// Counts as a use of the block.
     pub fn expand(&self, place: Place, below: &mut Below) -> Result<(), BlockId> {

@@ -9,6 +9,7 @@ mod bench;
 mod build;
 mod check;
 mod common;
+mod export;
 mod generate;
 mod info;
 mod output;
@@ -36,6 +37,7 @@ enum Verb {
     Check(check::Args),
     Render(render::Args),
     Bench(bench::Args),
+    Export(export::Args),
 }
 
 fn run(verb: Verb) -> Outcome {
@@ -46,6 +48,7 @@ fn run(verb: Verb) -> Outcome {
         Verb::Check(args) => check::run(&args),
         Verb::Render(args) => render::run(&args),
         Verb::Bench(args) => bench::run(&args),
+        Verb::Export(args) => export::run(&args),
     }
 }
 

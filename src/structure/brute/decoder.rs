@@ -67,3 +67,8 @@ pub fn block_parts(id: BlockId, words: &[u32]) -> ListedParts {
     };
     ListedParts { parts, listed_by: id, below }
 }
+
+/// The blocks with triangles: see [`crate::structure::bvh::holders`].
+pub fn holders(tree: &TreeRow) -> (u32, u32, u32) {
+    (tree.first_block + tree.class_blocks[0], tree.block_count - tree.class_blocks[0], 0)
+}

@@ -10,4 +10,4 @@ pub mod layout;
 pub mod open;
 pub mod trace;
 
-pub use decoder::{BruteDecoder, block_parts};
+pub use decoder::{BruteDecoder, block_parts, holders};

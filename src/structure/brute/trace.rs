@@ -286,6 +286,12 @@ impl<'a> TreeView<'a> {
         self.block(block)?.row(cell.item as usize)
     }
 
+    /// See [`crate::structure::Tree::triangles_of`].
+    pub fn triangles_of(&self, block: BlockId, visit: &mut dyn FnMut(&TriHit, &Triangle)) -> Result<(), BlockId> {
+        let place = Place { block: block.0, item: super::layout::LIST };
+        self.expand(place, &mut Below { child: &mut |_, _, _| {}, triangle: visit })
+    }
+
     /// Visits the children or triangles below a place. Fails with the block of the place if that is not in memory.
     pub fn expand(&self, place: Place, below: &mut Below) -> Result<(), BlockId> {
         match self.visited(place.block).map(Block::new).ok_or(BlockId(place.block))? {

@@ -47,6 +47,16 @@ pub fn entered_blocks(tree: &TreeRow) -> u32 {
     tree.class_blocks[COARSE].saturating_add(leaves_at(tree)).saturating_sub(1)
 }
 
+/// The blocks whose lists name the parts of blocks with triangles: the first, their number, and the difference between
+/// the ids of both.
+pub fn holders(tree: &TreeRow) -> (u32, u32, u32) {
+    match tree.block_count {
+        0 => (0, 0, 0),
+        1 => (tree.first_block, 1, 0),
+        _ => (tree.first_block + tree.class_blocks[COARSE], leaves_at(tree), leaves_at(tree)),
+    }
+}
+
 impl BvhDecoder {
     /// Bytes of memory for each tree.
     pub const BYTES_A_TREE: usize = size_of::<TreeBlocks>();

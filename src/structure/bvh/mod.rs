@@ -14,5 +14,5 @@ pub mod open;
 pub mod trace;
 mod validate;
 
-pub use decoder::{BvhDecoder, block_parts, check_links, entered_blocks, leaves_at};
+pub use decoder::{BvhDecoder, block_parts, check_links, entered_blocks, holders, leaves_at};
 pub use validate::validate;

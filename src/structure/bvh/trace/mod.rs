@@ -31,6 +31,7 @@ pub use ray::PreparedRay;
 pub(in crate::structure) use slab_heuristic::SlabHeuristic;
 pub(in crate::structure) use stream::StreamLanes;
 
+use super::codec_leaves::leaves_in_order;
 use super::layout::{Block, Child, HEADER_WORDS, MAX_NODES, NODE_WORDS, WIDTH};
 use super::leaf::Leaf;
 use super::normals;
@@ -189,6 +190,15 @@ impl TreeView<'_> {
         let Some((_, leaf, index)) = self.leaf_of(hit) else { return Err(BlockId(hit.block)) };
         let id = BlockId(hit.block + offset);
         Ok((self.visit(id.0).ok_or(id)?, leaf, index))
+    }
+
+    /// See [`crate::structure::Tree::triangles_of`].
+    pub fn triangles_of(&self, block: BlockId, visit: &mut dyn FnMut(&TriHit, &Triangle)) -> Result<(), BlockId> {
+        let leaves = leaves_in_order(&Block::new(self.visit(block.0).ok_or(block)?));
+        let mut below = Below { child: &mut |_, _, _| {}, triangle: visit };
+        leaves.into_iter().try_for_each(|at| {
+            self.expand(Place { block: block.0, item: Child::Leaf(at.into()).to_bits().into() }, &mut below)
+        })
     }
 
     /// Lists the children or the triangles of a place. Fails with the id of the place's block if that is not in memory.

@@ -1,0 +1,361 @@
+//! Triangles as they are stored: all of a part, some at a time, and those of hits.
+
+use super::hit::Hit;
+use crate::base::error::{Error, Result};
+use crate::base::ids::BlockId;
+use crate::base::inside_read::refuse_inside_read;
+use crate::base::memory::zeroed;
+use crate::base::progress::Cancel;
+use crate::math::Bounds;
+use crate::residency::{Kept, Lease};
+use crate::scene::SceneState;
+use crate::scene::model::KeptSets;
+use crate::scene::model::Model;
+use crate::scene::placed::Placed;
+use crate::structure::open::{self, Holder};
+use crate::structure::{Below, Place, Rooted, Tree, TriHit, Triangle, Visit};
+use glam::{DAffine3, DMat3, DVec3, Vec3};
+use std::sync::Arc;
+
+/// A triangle with everything that is stored of it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[repr(C)]
+pub struct StoredTriangle {
+    /// The corners: of the model if a model is read, of the world for hits in a scene. A stored position is exact in
+    /// double precision, unless its mesh is placed by a transform, whose rounding it then has.
+    pub corners: [DVec3; 3],
+    /// The caller's id of the part.
+    pub part: u64,
+    /// Primitive id.
+    pub prim: u64,
+    /// Unit shading normals at the corners, on the side from which the corners appear counter-clockwise.
+    pub normals: [Vec3; 3],
+    /// 0. It fills the struct.
+    pub reserved: u32,
+}
+
+/// Places triangles of a tree.
+struct Place3 {
+    matrix: DMat3,
+    /// The tree's origin, placed.
+    offset: DVec3,
+    is_plain: bool,
+}
+
+impl Place3 {
+    fn of_tree(origin: DVec3, model_from_mesh: &DAffine3) -> Self {
+        let matrix = model_from_mesh.matrix3;
+        Self { matrix, offset: model_from_mesh.transform_point3(origin), is_plain: matrix == DMat3::IDENTITY }
+    }
+
+    fn stored(&self, triangle: &Triangle, normals: Option<[Vec3; 3]>, [part, prim]: [u64; 2]) -> StoredTriangle {
+        let corner = |v: Vec3| if self.is_plain { v.as_dvec3() } else { self.matrix * v.as_dvec3() } + self.offset;
+        let corners = triangle.vertices.map(corner);
+        let [a, b, c] = corners;
+        let across = (b - a).cross(c - a);
+        // A mirrored placement turns the side from which corners appear counter-clockwise.
+        let cofactors = {
+            let [x, y, z] = [self.matrix.x_axis, self.matrix.y_axis, self.matrix.z_axis];
+            DMat3::from_cols(y.cross(z), z.cross(x), x.cross(y))
+        };
+        let own = across.normalize_or_zero();
+        let turned = |n: Vec3| if self.is_plain { n.as_dvec3() } else { (cofactors * n.as_dvec3()).normalize_or(own) };
+        let normals = normals.map_or([own; 3], |normals| normals.map(turned)).map(|n| n.as_vec3());
+        StoredTriangle { corners, part, prim, normals, reserved: 0 }
+    }
+}
+
+/// Reads the triangles of a part, some at a time, in memory that does not depend on their number, except for a bit for
+/// each triangle of a model whose triangles may be stored twice. The order is that of the file.
+pub struct PartReader {
+    model: Model,
+    part: u32,
+    id: u64,
+    sets: Option<Arc<KeptSets>>,
+    /// The trees in which the part may be, with their placements and the part's number there.
+    placings: Vec<(u32, u32, DAffine3)>,
+    /// The next block: its placing, and its number among those with triangles.
+    at: (usize, usize),
+    /// A bit for each primitive id that was returned, if triangles may be stored in several leaves or trees.
+    seen: Option<(Vec<u64>, Kept)>,
+    /// Triangles of the last block, the first of them already returned.
+    waiting: Vec<StoredTriangle>,
+    returned: usize,
+}
+
+impl Model {
+    /// Begins to read the triangles of the part with this index in [`Model::parts`], without those of parts below it.
+    /// Fails with `BadArgument` if there is no such part, and with `OverBudget`, `Io` or `Corrupt`.
+    pub fn read_part(&self, part: u32) -> Result<PartReader> {
+        refuse_inside_read()?;
+        let Some(id) = self.parts().id(part as usize) else {
+            return Err(Error::BadArgument(format!("the model has no part with index {part}")));
+        };
+        let file = self.blocks().file();
+        let has_part = |(tree, first, _): &(u32, u32, DAffine3)| {
+            let count = file.trees()[*tree as usize].local_parts;
+            (*first..first.saturating_add(count)).contains(&part)
+        };
+        let placings: Vec<_> = self.placements().filter(has_part).collect();
+        let header = file.header();
+        let seen = if header.options.spatial_splits || placings.len() > 1 {
+            let words = header.triangles_in.div_ceil(64);
+            let what = "the ids of triangles that were read";
+            let kept = self.context().residency().keep(what, 8 * words)?;
+            Some((zeroed(usize::try_from(words).unwrap_or(usize::MAX), what)?, kept))
+        } else {
+            None
+        };
+        let has_several = placings.iter().any(|(tree, ..)| file.trees()[*tree as usize].local_parts > 1);
+        let sets = if has_several { Some(self.part_sets()?) } else { None };
+        Ok(PartReader {
+            model: self.clone(),
+            part,
+            id,
+            sets,
+            placings,
+            at: (0, 0),
+            seen,
+            waiting: Vec::new(),
+            returned: 0,
+        })
+    }
+}
+
+impl PartReader {
+    /// Returns the next triangles, at most `most`; none at the end. Blocks; reads the disk. After an error the next call
+    /// tries the same block again. Fails with `Io`, `Corrupt`, `Cancelled` or `NoMemory`.
+    pub fn next(&mut self, most: usize, cancel: &Cancel) -> Result<&[StoredTriangle]> {
+        while self.returned == self.waiting.len() && most > 0 {
+            (self.returned, self.waiting) = (0, Vec::new());
+            if !self.read_block(cancel)? {
+                break;
+            }
+        }
+        let from = self.returned;
+        self.returned = self.waiting.len().min(from.saturating_add(most));
+        Ok(&self.waiting[from..self.returned])
+    }
+
+    /// Reads the next block that may hold the part. Returns false at the end.
+    fn read_block(&mut self, cancel: &Cancel) -> Result<bool> {
+        refuse_inside_read()?;
+        loop {
+            cancel.check()?;
+            let Some(&(tree, first_part, place)) = self.placings.get(self.at.0) else { return Ok(false) };
+            let file = self.model.blocks().file();
+            let Some(Holder { listed_by, block }) = open::holder(file, &file.trees()[tree as usize], self.at.1)? else {
+                self.at = (self.at.0 + 1, 0);
+                continue;
+            };
+            let local = self.part - first_part;
+            if self.may_hold(listed_by, local) {
+                let mut found = Vec::new();
+                self.load(tree, block, local, &place, cancel, &mut found)?;
+                self.waiting = found;
+                self.at.1 += 1;
+                return Ok(true);
+            }
+            self.at.1 += 1;
+        }
+    }
+
+    /// True unless the lists of parts exclude the part from a block.
+    fn may_hold(&self, listed_by: BlockId, local: u32) -> bool {
+        let Some(sets) = self.sets.as_ref().filter(|sets| !sets.is_empty()) else { return true };
+        let mut listed = sets.of(listed_by.0 as usize).peekable();
+        listed.peek().is_none() || listed.any(|part| part == local)
+    }
+
+    fn load(
+        &mut self,
+        tree: u32,
+        block: BlockId,
+        local: u32,
+        place: &DAffine3,
+        cancel: &Cancel,
+        found: &mut Vec<StoredTriangle>,
+    ) -> Result<()> {
+        let file = self.model.blocks().file();
+        let needed: Vec<BlockId> =
+            [Some(block), Some(file.prim_block(block)), file.normal_block(block)].into_iter().flatten().collect();
+        let mut lease = self.model.context().residency().lease();
+        lease.fetch(self.model.blocks(), &needed, cancel)?;
+        let snapshot = lease.snapshot(self.model.blocks())?;
+        let view = self.model.tree_in(tree, &snapshot, Visit::default());
+        let place = Place3::of_tree(self.model.trees()[tree as usize].origin, place);
+        let (mut failed, id, seen) = (None, self.id, &mut self.seen);
+        let mut visit = |hit: &TriHit, triangle: &Triangle| {
+            if triangle.part != local {
+                return;
+            }
+            match (view.prim(hit), view.normals(hit)) {
+                (Ok(prim), Ok(normals)) => {
+                    let prim = prim.map_or(super::hit::NONE, u64::from);
+                    if seen.as_mut().is_none_or(|(bits, _)| is_new(bits, prim)) {
+                        found.push(place.stored(triangle, normals, [id, prim]));
+                    }
+                }
+                (Err(block), _) | (_, Err(block)) => failed = Some(block),
+            }
+        };
+        let visited = view.triangles_of(block, &mut visit);
+        match visited.err().or(failed) {
+            None => Ok(()),
+            Some(block) => Err(Error::corrupt(file.name(), Some(block.0), "it is not a block of triangles")),
+        }
+    }
+}
+
+/// Sets the bit of an id. Returns false if it was set.
+fn is_new(bits: &mut [u64], id: u64) -> bool {
+    let Some(word) = bits.get_mut((id / 64) as usize) else { return true };
+    let bit = 1 << (id % 64);
+    let is_new = *word & bit == 0;
+    *word |= bit;
+    is_new
+}
+
+impl SceneState {
+    /// Returns the triangle of each hit, in world space: the one with the hit's instance, part and primitive id at its
+    /// position. Blocks; reads what is not in memory. Fails with `BadArgument`, which names the hit, if a hit is not on
+    /// a triangle of this scene or has no position, part, instance or primitive id; and with `Io`, `Corrupt`,
+    /// `Cancelled`.
+    pub fn triangles(&self, hits: &[Hit], cancel: &Cancel) -> Result<Vec<StoredTriangle>> {
+        refuse_inside_read()?;
+        hits.iter().enumerate().map(|(i, hit)| self.triangle(i, hit, cancel)).collect()
+    }
+
+    fn triangle(&self, number: usize, hit: &Hit, cancel: &Cancel) -> Result<StoredTriangle> {
+        let wrong = |why: &str| Err(Error::BadArgument(format!("hit {number}: {why}")));
+        let ids = [hit.instance, hit.part, hit.prim];
+        if ids.contains(&super::hit::NONE) || !hit.position.is_finite() {
+            return wrong("it needs a position, and the ids of instance, part and primitive");
+        }
+        for placed in self.placement.placed.iter() {
+            cancel.check()?;
+            if self.instances[placed.instance as usize].id != hit.instance || !holds(&placed.bounds, hit.position) {
+                continue;
+            }
+            let model = &self.models[placed.model as usize];
+            let at = At { model, placed, hit };
+            if let Some(found) = at.search(cancel)? {
+                return Ok(found);
+            }
+        }
+        wrong("no triangle of the scene has its ids at its position")
+    }
+}
+
+/// True if bounds hold a point, up to the roundings of hits.
+fn holds(bounds: &crate::math::DBounds, p: DVec3) -> bool {
+    let give = slack(bounds.min.abs().max(bounds.max.abs()).max_element());
+    (p - bounds.min + give).min_element() >= 0.0 && (bounds.max + give - p).min_element() >= 0.0
+}
+
+/// Distance by which a hit may be off its triangle, for coordinates of at most `size`.
+fn slack(size: f64) -> f64 {
+    size * 1e-6
+}
+
+/// The search for the triangle of a hit in a placed tree.
+struct At<'a> {
+    model: &'a Model,
+    placed: &'a Placed,
+    hit: &'a Hit,
+}
+
+impl At<'_> {
+    fn search(&self, cancel: &Cancel) -> Result<Option<StoredTriangle>> {
+        let at = self.placed.local_point(self.hit.position);
+        let give = slack(self.placed.max_coord().max(at.abs().max_element()));
+        let near = |bounds: &Bounds| {
+            let (low, high) = (bounds.min.as_dvec3() - give, bounds.max.as_dvec3() + give);
+            at.cmpge(low).all() && at.cmple(high).all()
+        };
+        let mut lease: Option<Lease> = None;
+        let mut places: Vec<Place> = self.view(&self.model.blocks().snapshot()).root().into_iter().collect();
+        while let Some(place) = places.pop() {
+            cancel.check()?;
+            let block = BlockId(place.block);
+            let snapshot = self.snapshot(&mut lease, &[block], cancel)?;
+            let mut found = Vec::new();
+            let mut child = |below: Place, bounds: &Bounds, _: bool| {
+                if near(bounds) {
+                    places.push(below);
+                }
+            };
+            let mut triangle = |hit: &TriHit, triangle: &Triangle| {
+                if near(&Bounds::of(&triangle.vertices)) {
+                    found.push((*hit, *triangle));
+                }
+            };
+            let below = &mut Below { child: &mut child, triangle: &mut triangle };
+            if let Err(block) = self.view(&snapshot).expand(place, below) {
+                return Err(self.corrupt(block));
+            }
+            for (hit, triangle) in found {
+                if let Some(found) = self.compare(&mut lease, &hit, &triangle, cancel)? {
+                    return Ok(Some(found));
+                }
+            }
+        }
+        Ok(None)
+    }
+
+    fn view<'s>(&self, snapshot: &'s crate::residency::Snapshot) -> Tree<'s> {
+        self.model.tree_in(self.placed.tree, snapshot, Visit::default())
+    }
+
+    fn corrupt(&self, block: BlockId) -> Error {
+        Error::corrupt(self.model.blocks().file().name(), Some(block.0), "it lacks what other blocks refer to")
+    }
+
+    /// A snapshot with these blocks. Blocks that are not in memory come into a lease of their own.
+    fn snapshot(
+        &self,
+        lease: &mut Option<Lease>,
+        blocks: &[BlockId],
+        cancel: &Cancel,
+    ) -> Result<Arc<crate::residency::Snapshot>> {
+        let there = self.model.blocks().snapshot();
+        if blocks.iter().all(|id| there.block(*id).is_some()) {
+            return Ok(there);
+        }
+        // The lease before is given back first: there is one for all.
+        *lease = None;
+        let held = lease.insert(self.model.context().residency().lease());
+        held.fetch(self.model.blocks(), blocks, cancel)?;
+        held.snapshot(self.model.blocks())
+    }
+
+    /// Returns the triangle if its ids are those of the hit.
+    fn compare(
+        &self,
+        lease: &mut Option<Lease>,
+        hit: &TriHit,
+        triangle: &Triangle,
+        cancel: &Cancel,
+    ) -> Result<Option<StoredTriangle>> {
+        let part = self.placed.first_part.saturating_add(triangle.part);
+        let id = self.model.parts().id(part as usize);
+        if id != Some(self.hit.part) {
+            return Ok(None);
+        }
+        let file = self.model.blocks().file();
+        let block = self.view(&self.model.blocks().snapshot()).block_of(hit);
+        let needed: Vec<BlockId> =
+            [Some(block), Some(file.prim_block(block)), file.normal_block(block)].into_iter().flatten().collect();
+        let snapshot = self.snapshot(lease, &needed, cancel)?;
+        let view = self.view(&snapshot);
+        let prim = view.prim(hit).map_err(|block| self.corrupt(block))?;
+        if prim.map(u64::from) != Some(self.hit.prim) {
+            return Ok(None);
+        }
+        let normals = view.normals(hit).map_err(|block| self.corrupt(block))?;
+        let place = self.placed.frame();
+        let place =
+            Place3 { matrix: place.matrix3, offset: place.translation, is_plain: self.placed.only_shifted().is_some() };
+        Ok(Some(place.stored(triangle, normals, [self.hit.part, self.hit.prim])))
+    }
+}
