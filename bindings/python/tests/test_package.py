@@ -71,6 +71,35 @@ def test_wheel_installs_in_a_bare_environment(monkeypatch: pytest.MonkeyPatch, t
     assert shown == f"outcrop {outcrop.__version__}, {tmp_path / 'other.so'}\n"
 
 
+def test_cargo_builds_the_library_of_the_wheel(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    import _backend
+
+    cargo = tmp_path / "bin" / "cargo"
+    cargo.parent.mkdir()
+    cargo.write_text('#!/bin/sh\necho "$@" >"$LOG"\nmkdir -p "$CARGO_TARGET_DIR/release"\n'
+                     f'echo library >"$CARGO_TARGET_DIR/release/{_backend.LIBRARY}"\n')
+    cargo.chmod(0o755)
+    monkeypatch.delenv("OUTCROP_LIBRARY", raising=False)
+    monkeypatch.setenv("PATH", f"{cargo.parent}:{os.environ['PATH']}")
+    monkeypatch.setenv("CARGO_TARGET_DIR", str(tmp_path / "target"))
+    monkeypatch.setenv("LOG", str(tmp_path / "log"))
+    name = _backend.build_wheel(str(tmp_path))
+    first = (tmp_path / name).read_bytes()
+    with zipfile.ZipFile(tmp_path / name) as archive:
+        assert archive.read("outcrop/" + _backend.LIBRARY) == b"library\n"
+    assert "--release --lib --no-default-features --features reserve" in (tmp_path / "log").read_text()
+    assert _backend.build_wheel(str(tmp_path)) == name and (tmp_path / name).read_bytes() == first
+    cargo.write_text("#!/bin/sh\nexit 101\n")
+    with pytest.raises(SystemExit, match="cargo failed with status 101"):
+        _backend.build_wheel(str(tmp_path))
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(SystemExit, match="cargo is not found.*OUTCROP_LIBRARY"):
+        _backend.build_wheel(str(tmp_path))
+    monkeypatch.setenv("OUTCROP_LIBRARY", str(tmp_path / "missing.so"))
+    with pytest.raises(SystemExit, match="there is no file"):
+        _backend.build_wheel(str(tmp_path))
+
+
 def test_a_missing_or_wrong_library_is_an_import_error(tmp_path: Path) -> None:
     (tmp_path / "text.so").write_text("no library")
     subprocess.run(["cc", "-shared", "-o", tmp_path / "empty.so", "-x", "c", "/dev/null"], check=True)
