@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from . import _abi, _values
 from ._arrays import address, given, matrix, vectors
 from ._arrays import faces as checked_faces
-from ._callbacks import Entry, find, forget, inside, register
+from ._callbacks import Entry, callback, find, forget, register
 from ._enums import Index, Resolution, Scalar, Status
 from ._handles import Handle, Reference, made
 from ._jobs import Job
@@ -80,7 +80,7 @@ def _resolve(user: int, uri: bytes, file: bytes, out: int) -> int:
     return int(resolving.answer(os.fsdecode(uri), os.fsdecode(file), _abi.oc_resolved.from_address(out)))
 
 
-RESOLVE = _abi.oc_resolve_fn(inside(_resolve))
+RESOLVE = _abi.oc_resolve_fn(callback(_resolve))
 
 
 def _release(user: int) -> None:
@@ -88,7 +88,7 @@ def _release(user: int) -> None:
     forget(user)
 
 
-RELEASE = _abi.oc_release_fn(_release)
+RELEASE = _abi.oc_release_fn(callback(_release))
 
 
 class BuildJob(Job[BuildReport]):

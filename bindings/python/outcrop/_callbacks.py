@@ -15,7 +15,7 @@ from typing import Any
 
 from . import _abi
 from ._enums import LogLevel
-from ._handles import release_all
+from ._handles import in_callback, release_all
 
 _objects: dict[int, Any] = {}
 _keys = itertools.count(1)
@@ -75,6 +75,21 @@ class Listeners:
                 one()
 
 
+def callback(call: Callable[..., Any]) -> Callable[..., Any]:
+    """Makes a callback of a function: the end of the interpreter waits for it, and it releases no objects."""
+
+    def noted(*arguments: Any) -> Any:
+        key = next(_keys)
+        _inside.add(key)
+        try:
+            with in_callback():
+                return call(*arguments)
+        finally:
+            _inside.discard(key)
+
+    return noted
+
+
 def _wake(user: int) -> None:
     """Calls a Python function without arguments."""
     target: Callable[[], object] | None = find(user)
@@ -82,7 +97,7 @@ def _wake(user: int) -> None:
         target()
 
 
-WAKE = _abi.oc_wake_fn(_wake)
+WAKE = _abi.oc_wake_fn(callback(_wake))
 
 
 def _log(user: int, level: int, message: bytes) -> None:
@@ -92,7 +107,7 @@ def _log(user: int, level: int, message: bytes) -> None:
         target(LogLevel(level), message.decode("utf-8", "replace"))
 
 
-LOG = _abi.oc_log_fn(_log)
+LOG = _abi.oc_log_fn(callback(_log))
 
 
 def _submit(user: int, run: Callable[[int], None], task: int) -> None:
@@ -104,21 +119,7 @@ def _submit(user: int, run: Callable[[int], None], task: int) -> None:
         run(task)
 
 
-SUBMIT = _abi.oc_submit_fn(_submit)
-
-
-def inside(call: Callable[..., Any]) -> Callable[..., Any]:
-    """Notes the threads that are inside of a callback that may take long."""
-
-    def noted(*arguments: Any) -> Any:
-        key = next(_keys)
-        _inside.add(key)
-        try:
-            return call(*arguments)
-        finally:
-            _inside.discard(key)
-
-    return noted
+SUBMIT = _abi.oc_submit_fn(callback(_submit))
 
 
 @atexit.register

@@ -11,7 +11,7 @@ from . import _abi
 from ._arrays import Array
 from ._build import Build, BuildJob, BuildReport, Resolver
 from ._callbacks import LOG, SUBMIT, Entry
-from ._enums import Buffer, ContextFlags, InstructionSet, LogLevel, Property
+from ._enums import Buffer, ContextFlags, InstructionSet, LogLevel, Property, State
 from ._errors import Error
 from ._frame import Frame, Picture
 from ._handles import Handle, Reference, made
@@ -165,10 +165,17 @@ class _LoadJob(Job[Model]):
         self._opening = opening
 
     def wait(self, timeout: float | None = None, progress: Callable[[float], object] | None = None) -> Progress:
-        try:
+        if self._opening is None:
             return super().wait(timeout, progress)
+        try:
+            done = super().wait(timeout, progress)
         except Error as error:
-            raise error from (self._opening.error if self._opening is not None else None)
+            cause, self._opening.error = self._opening.error, None
+            if cause is not None and not isinstance(cause, Exception):
+                raise cause from None  # KeyboardInterrupt, in a context without threads
+            raise error from cause
+        self._opening.is_open = done.state != State.RUNNING
+        return done
 
 
 def _model(job: Reference, _progress: Progress) -> Model:

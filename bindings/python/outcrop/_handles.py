@@ -3,14 +3,41 @@
 from __future__ import annotations
 
 import ctypes as c
+import threading
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from types import TracebackType
 from typing import Any, ClassVar, TypeVar
 
 _Self = TypeVar("_Self", bound="Handle")
 
 _live: weakref.WeakSet[Reference] = weakref.WeakSet()
+
+# A release may wait for other threads of the library. One inside of a callback, e.g. by a garbage collection, could
+# wait for the very thread that it is in: it is left to the next object that is made or released outside of callbacks.
+_thread = threading.local()
+_left: list[tuple[Callable[[Any], None], Any, list[Any]]] = []
+
+
+@contextmanager
+def in_callback() -> Iterator[None]:
+    """Marks the thread as inside of a callback."""
+    _thread.depth = getattr(_thread, "depth", 0) + 1
+    try:
+        yield
+    finally:
+        _thread.depth -= 1
+
+
+def release_left() -> None:
+    """Does the releases that callbacks have left."""
+    while _left and not getattr(_thread, "depth", 0):
+        try:
+            release, handle, _keep = _left.pop()
+        except IndexError:  # another thread was faster
+            return
+        release(handle)
 
 
 class Reference:
@@ -28,11 +55,17 @@ class Reference:
         self.kind = kind
         self.keep: list[Any] = []
         _live.add(self)
+        release_left()
 
     def release(self) -> None:
         """Gives the reference back. The second call does nothing."""
         handle, self._as_parameter_ = self._as_parameter_, c.c_void_p()
-        if handle:
+        if not handle:
+            return
+        if getattr(_thread, "depth", 0):
+            _left.append((self._release, handle, self.keep))
+        else:
+            release_left()
             self._release(handle)
 
     def __del__(self) -> None:
@@ -48,6 +81,7 @@ def made(function: Callable[..., Any], *arguments: Any) -> int | None:
 
 def live() -> list[str]:
     """Returns the kinds of all objects that are not released yet, sorted."""
+    release_left()
     return sorted(one.kind for one in list(_live) if one._as_parameter_)
 
 

@@ -5,11 +5,14 @@ from __future__ import annotations
 import ctypes as c
 import io
 import os
+import sys
 import threading
+from dataclasses import dataclass
+from types import TracebackType
 from typing import Any, BinaryIO, Protocol, Union, runtime_checkable
 
 from . import _abi
-from ._callbacks import find, forget, inside, register
+from ._callbacks import callback, find, forget, register
 
 
 @runtime_checkable
@@ -73,12 +76,28 @@ def reader(source: Any) -> Reader | None:
                     f"not {type(source).__name__}")
 
 
+@dataclass
+class Unraisable:
+    """The argument of sys.unraisablehook."""
+
+    exc_type: type[BaseException]
+    exc_value: BaseException | None
+    exc_traceback: TracebackType | None
+    err_msg: str | None
+    object: object
+
+
 class Opening:
-    """A reader while the library uses it. `error` is the last exception of the reader."""
+    """A reader while the library uses it.
+
+    `error` is the last exception of the reader. An opening raises it. Later, queries and frames say only that reading
+    failed, and sys.unraisablehook shows the exception.
+    """
 
     def __init__(self, source: Reader, name: str) -> None:
         self.reader = source
         self.error: BaseException | None = None
+        self.is_open = False
         self.key = register(self)
         self.table = _abi.oc_io(size=source.size, read_at=READ_AT, close=CLOSE, user=self.key, name=name.encode())
 
@@ -88,6 +107,8 @@ class Opening:
             self.reader.read_at(offset, buffer)
         except BaseException as error:  # noqa: BLE001 # it must not go through C
             self.error = error
+            if self.is_open:
+                sys.unraisablehook(Unraisable(type(error), error, error.__traceback__, None, self.reader))
             return 1
         return 0
 
@@ -100,7 +121,7 @@ def _read_at(user: int, offset: int, buffer: int, count: int) -> int:
     return opening.read(offset, memoryview((c.c_char * count).from_address(buffer)).cast("B"))
 
 
-READ_AT = _abi.oc_read_fn(inside(_read_at))
+READ_AT = _abi.oc_read_fn(callback(_read_at))
 
 
 def _close(user: int) -> None:
@@ -108,4 +129,4 @@ def _close(user: int) -> None:
     forget(user)
 
 
-CLOSE = _abi.oc_close_fn(_close)
+CLOSE = _abi.oc_close_fn(callback(_close))

@@ -32,6 +32,12 @@ def main() -> None:
             compare(scene, rounds)
 
 
+def new_hits() -> ctypes.c_void_p:
+    """Returns new memory for hits, as a C program would have it from malloc."""
+    memory = outcrop.empty_hits(COUNT).ctypes
+    return memory.data_as(ctypes.c_void_p)
+
+
 def compare(scene: outcrop.Scene, rounds: int) -> None:
     """Traces the same rays in each way."""
     random = numpy.random.default_rng(46)
@@ -43,6 +49,7 @@ def compare(scene: outcrop.Scene, rounds: int) -> None:
     ways: dict[str, Callable[[], object]] = {
         "C: closest": lambda: lib.oc_scene_closest(handle, options, hits.ctypes.data, 0),
         "closest(rays, out=hits)": lambda: scene.closest(rays, out=hits),
+        "C: closest, new hits": lambda: lib.oc_scene_closest(handle, options, new_hits(), 0),
         "closest(rays)": lambda: scene.closest(rays),
         "closest(origins, directions)": lambda: scene.closest(origins, directions),
         "C: any": lambda: lib.oc_scene_any(handle, options, any_hit.ctypes.data, 0),

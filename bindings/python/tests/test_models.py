@@ -6,8 +6,9 @@ import io
 from pathlib import Path
 from typing import Any
 
+import numpy
 import pytest
-from conftest import TETRA, TETRA_FACES
+from conftest import TETRA, TETRA_FACES, bumps
 
 import outcrop
 
@@ -57,6 +58,23 @@ def test_failures(context: outcrop.Context, path: Path, tmp_path: Path) -> None:
         context.open(3)  # type: ignore[arg-type]
     with path.open("r", encoding="latin-1") as text, pytest.raises(TypeError, match="binary mode"):
         context.open(text)  # type: ignore[arg-type]
+
+
+def test_failures_after_opening(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    shown: list[Any] = []
+    monkeypatch.setattr("sys.unraisablehook", shown.append)
+    with outcrop.Context(threads=2, memory_budget=4 << 20, read_ahead=False) as context:
+        context.build(tmp_path / "large.oc", outcrop.Mesh(*bumps(400)))
+        reader = Slow((tmp_path / "large.oc").read_bytes())
+        with context.open(reader) as model, context.scene(model) as scene:
+            reader.error = ZeroDivisionError("the network is down")
+            rays = numpy.random.default_rng(1).uniform(0, 1, (1000, 3))
+            with pytest.raises(outcrop.MachineError):
+                scene.closest(rays + (0, 0, 1), (0, 0, -1))
+            assert shown and all(isinstance(one.exc_value, ZeroDivisionError) for one in shown)
+            reader.error = None
+            assert scene.any(rays + (0, 0, 1), (0, 0, -1)).all()
+        shown.clear()
 
 
 def test_parts_and_views(context: outcrop.Context, path: Path) -> None:

@@ -54,7 +54,8 @@ def test_ctrl_c_ends_a_build(context: outcrop.Context, tmp_path: Path) -> None:
     assert context.build(tmp_path / "x.oc", tmp_path / "x.obj").triangles_kept == 1
 
 
-def test_ctrl_c_ends_an_opening(context: outcrop.Context, tetra: outcrop.Model, tmp_path: Path) -> None:
+@pytest.mark.parametrize("threads", [2, 0])
+def test_ctrl_c_ends_an_opening(tetra: outcrop.Model, tmp_path: Path, threads: int) -> None:
     content = (tmp_path / "tetra.oc").read_bytes()
 
     class Slow:
@@ -67,10 +68,11 @@ def test_ctrl_c_ends_an_opening(context: outcrop.Context, tetra: outcrop.Model, 
                 time.sleep(0.2)
             buffer[:] = content[offset:offset + len(buffer)]
 
-    with pytest.raises(KeyboardInterrupt):
-        context.open(Slow())
-    with context.open(content) as model:
-        assert model.info.parts == 1
+    with outcrop.Context(threads=threads) as own:
+        with pytest.raises(KeyboardInterrupt):
+            own.open(Slow())
+        with own.open(content) as model:
+            assert model.info.parts == 1
 
 
 def test_ctrl_c_ends_a_batch(context: outcrop.Context, tmp_path: Path) -> None:
@@ -142,6 +144,27 @@ def test_listeners_of_jobs(context: outcrop.Context, scene: outcrop.Scene) -> No
         assert second.wait(30)
         job.on_end(lambda: calls.append(1))
         assert calls == [1]
+
+
+def test_callbacks_may_drop_objects(context: outcrop.Context, tetra: outcrop.Model, tmp_path: Path,
+                                    camera: outcrop.Camera) -> None:
+    content = (tmp_path / "tetra.oc").read_bytes()
+    garbage: list[Any] = [context.scene(tetra), context.frame(64, 48)]
+    garbage[1].request(garbage[0], camera)
+
+    class Dropping:
+        size = len(content)
+
+        def read_at(self, offset: int, buffer: memoryview) -> None:
+            garbage.clear()
+            buffer[:] = content[offset:offset + len(buffer)]
+
+    with context.open(Dropping()) as model, context.scene(model) as scene:
+        assert garbage == [] and outcrop.live() == ["Context", "Model", "Model", "Scene"]
+        jobs = [scene.closest_start([(0, 0, 9)], [(0, 0, -1)])]
+        ended = threading.Event()
+        jobs[0].on_end(lambda: (jobs.pop().close(), ended.set()))  # type: ignore[func-returns-value]
+        assert ended.wait(30) and "Job" not in outcrop.live()
 
 
 def test_a_context_without_threads(tetra: outcrop.Model, tmp_path: Path, camera: outcrop.Camera) -> None:
