@@ -226,7 +226,25 @@ def abi(header: Header) -> str:
     out.append("\nFALLIBLE = frozenset([\n" + listed(
         [f'"{n}"' for n, (returns, _) in header.functions.items() if returns == "oc_status"], "    ") + ",\n])\n"
         '"""Functions that return a status."""\n')
+    out.append(buffers(header))
     return "".join(out)
+
+
+# Elements of a pixel in the comments of the OC_BUFFER_ constants: numpy's type of each.
+ELEMENTS = {"byte": "u1", "float": "f4", "uint64_t": "u8", "uint32_t": "u4"}
+
+
+def buffers(header: Header) -> str:
+    """Returns the table of the elements of each buffer, which the comments of the constants begin with."""
+    rows = []
+    for name, value, doc in header.constants:
+        if enum_of(name, header) == "oc_buffer":
+            found = re.match(r"(\d) (\w+?)s?[:.]", doc)
+            if not found or found[2] not in ELEMENTS:
+                raise SystemExit(f"{HEADER.name}: the comment of {name} does not begin with its elements: {doc}")
+            rows.append(f'    {value}: ("{ELEMENTS[found[2]]}", {found[1]}),\n')
+    return ("\nBUFFERS: dict[int, tuple[str, int]] = {\n" + "".join(rows) + "}\n"
+            '"""Type and number of the elements of a pixel, by buffer."""\n')
 
 
 def enums(header: Header) -> str:

@@ -475,3 +475,16 @@ FALLIBLE = frozenset([
     "oc_frame_get_accuracy", "oc_frame_pick", "oc_frame_map", "oc_scene_prefetch_box", "oc_scene_prefetch_camera",
 ])
 """Functions that return a status."""
+
+BUFFERS: dict[int, tuple[str, int]] = {
+    0: ("u1", 4),
+    1: ("f4", 4),
+    2: ("f4", 1),
+    3: ("f4", 3),
+    4: ("u8", 1),
+    5: ("u8", 1),
+    6: ("u8", 1),
+    7: ("u1", 1),
+    8: ("f4", 1),
+}
+"""Type and number of the elements of a pixel, by buffer."""

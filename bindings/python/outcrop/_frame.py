@@ -22,18 +22,11 @@ from ._scene import Scene
 from ._value import whole
 from ._values import Accuracy, Camera, FrameSettings, Progress
 
-FORMATS: dict[int, tuple[str, int]] = {
-    Format.U8X4: ("u1", 4), Format.F32X4: ("f4", 4), Format.F32: ("f4", 1), Format.F32X3: ("f4", 3),
-    Format.U64: ("u8", 1), Format.U8: ("u1", 1),
-}
-"""Element and number of elements of a pixel, by format."""
 
-BUFFERS: dict[int, tuple[str, int]] = {
-    Buffer.COLOUR_SRGB8: ("u1", 4), Buffer.COLOUR_LINEAR: ("f4", 4), Buffer.DEPTH: ("f4", 1),
-    Buffer.NORMAL: ("f4", 3), Buffer.PART: ("u8", 1), Buffer.PRIM: ("u8", 1), Buffer.INSTANCE: ("u8", 1),
-    Buffer.KIND: ("u1", 1), Buffer.ERROR: ("f4", 1),
-}
-"""The same, by buffer: for memory of the caller."""
+def _elements(pixel: Format) -> tuple[str, int]:
+    """Returns type and number of the elements of a pixel: ("f4", 3) of F32X3."""
+    kind, _, count = pixel.name.partition("X")
+    return f"{kind[0].lower()}{int(kind[1:]) // 8}", int(count or 1)
 
 
 class MappedBuffer(Handle):
@@ -44,7 +37,7 @@ class MappedBuffer(Handle):
 
     def __init__(self, pixels: _abi.oc_pixels) -> None:
         super().__init__(pixels.mapping)
-        kind, channels = FORMATS[pixels.format]
+        kind, channels = _elements(Format(pixels.format))
         size = numpy.dtype(kind).itemsize
         shape: tuple[int, ...] = (pixels.height, pixels.width) + ((channels,) if channels > 1 else ())
         strides: tuple[int, ...] = (pixels.row_pitch, size * channels) + ((size,) if channels > 1 else ())
@@ -56,7 +49,7 @@ class MappedBuffer(Handle):
 
 def target_of(buffer: Buffer, array: Any, width: int, height: int) -> _abi.oc_target:
     """Checks the caller's memory for a buffer."""
-    kind, channels = BUFFERS[buffer]
+    kind, channels = _abi.BUFFERS[buffer]
     dtype = numpy.dtype(kind)
     shape = (height, width) + ((channels,) if channels > 1 else ())
     name = f"targets[Buffer.{Buffer(buffer).name}]"

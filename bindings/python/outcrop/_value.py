@@ -17,22 +17,25 @@ Vector = Union[Sequence[float], NDArray[Any]]
 
 _Self = TypeVar("_Self", bound="Value")
 
-_UNSIGNED = {c.c_uint8: 8, c.c_uint32: 32, c.c_uint64: 64}
+_RANGES = {
+    c.c_uint8: (0, 1 << 8), c.c_uint32: (0, 1 << 32), c.c_uint64: (0, 1 << 64), c.c_int32: (-1 << 31, 1 << 31),
+    c.c_int64: (-1 << 63, 1 << 63),
+}
 
 
 def _number(name: str, value: Any, kind: Any) -> Any:
     """Returns a number that a member of type `kind` can hold. ctypes itself would cut off bits."""
-    bits = _UNSIGNED.get(kind)
+    limits = _RANGES.get(kind)
     try:
-        if bits is None:
+        if limits is None:
             if isinstance(value, (str, bytes)):
                 raise TypeError
             return float(value)
         number = operator.index(value)
     except TypeError:
-        raise TypeError(f"{name} must be {'a number' if bits is None else 'an integer'}, not {value!r}") from None
-    if not 0 <= number < 1 << bits:
-        raise ValueError(f"{name} must be 0 to {(1 << bits) - 1}, not {number}")
+        raise TypeError(f"{name} must be {'a number' if limits is None else 'an integer'}, not {value!r}") from None
+    if not limits[0] <= number < limits[1]:
+        raise ValueError(f"{name} must be {limits[0]} to {limits[1] - 1}, not {number}")
     return number
 
 
