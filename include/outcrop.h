@@ -423,6 +423,14 @@ typedef struct oc_build_desc {
     uint32_t trust_paths;
     /** Must be 0. */
     uint32_t reserved_2;
+    /**
+     * Angle in degrees, at most 180, up to which an edge between two triangles appears smooth, if the input has no
+     * normals there. 0: 40 degrees, with which chamfers of 45 degrees stay edges. Below 0: no normals are made, and
+     * surfaces without normals show their facets.
+     */
+    float crease_angle;
+    /** Must be 0. */
+    uint32_t reserved_3;
 } oc_build_desc;
 
 /** Material of a part. Colours are linear. All zeros: grey, opaque, matt. */
@@ -497,6 +505,21 @@ typedef struct oc_triangles {
     oc_scalar scalar;
     /** One of the OC_INDEX_ constants: the type of indices. */
     oc_index index;
+    /**
+     * Array of normals, one for each entry of `positions`: three floats, of any length. They make the surface appear
+     * smooth. The normal of a triangle replaces one that is zero, NaN or infinite. NULL: normals are made from the
+     * triangles, see oc_build_desc.crease_angle.
+     */
+    const float *normals;
+    /** Bytes from one normal to the next. 0: tightly packed. */
+    uint64_t normal_stride;
+    /**
+     * Array of colours, one for each entry of `positions`: three floats, linear RGB, which are interpolated. NULL: none.
+     * With `colours` it must be NULL.
+     */
+    const float *position_colours;
+    /** Bytes from one of these colours to the next. 0: tightly packed. */
+    uint64_t position_colour_stride;
 } oc_triangles;
 
 /** Statistics of a build. */
@@ -531,6 +554,8 @@ typedef struct oc_build_report {
     double seconds_write;
     /** Greatest distance between a corner of the input and the stored corner, in units of the model. */
     double position_error;
+    /** Normals of the input that are zero, NaN or infinite. The normals of their triangles replace them. */
+    uint64_t unusable_normals;
 } oc_build_report;
 
 /**
@@ -604,6 +629,10 @@ typedef struct oc_model_info {
     uint32_t blocks;
     /** 1: triangles may have colours of their own. 0: they have the colours of their parts. */
     uint32_t has_colours;
+    /** 1: triangles may have normals at their corners that make them appear smooth. 0: each has only its own. */
+    uint32_t has_normals;
+    /** Always 0. */
+    uint32_t reserved;
 } oc_model_info;
 
 /** Properties of a part of a model. */
@@ -816,8 +845,12 @@ typedef struct oc_hit {
     float error;
     /** One of the OC_HIT_ constants. */
     oc_hit_kind kind;
-    /** Always 0. */
-    uint32_t reserved;
+    /**
+     * Unit normal in world space with which the surface is shaded, on the side of `normal`: interpolated between the
+     * corners of the triangle, so that coarse facets appear smooth. Where a model has no such normals, and for
+     * stand-ins, it is `normal`. Miss: 0.
+     */
+    float shading_normal[3];
 } oc_hit;
 
 /** How a part intersects a volume. */
@@ -1276,8 +1309,11 @@ typedef struct oc_pixels {
 /** `error` and `t_free`; `t` in double precision. */
 #define OC_WANT_ERROR 128
 
-/** All members. */
+/** All members but `shading_normal`. */
 #define OC_WANT_ALL 255
+
+/** `shading_normal`. May have to read the disk. */
+#define OC_WANT_SHADING_NORMAL 256
 
 /**
  * Hint: each 32 successive rays start near each other and have similar directions. They are traced as one packet,
@@ -1339,6 +1375,9 @@ typedef struct oc_pixels {
  * have transmitted the ray to a triangle or to the background: an original surface may lie anywhere before it.
  */
 #define OC_BUFFER_ERROR 8
+
+/** 3 floats: unit normal in world space with which the surface is shaded, see `oc_hit.shading_normal`. Miss: 0. */
+#define OC_BUFFER_SHADING_NORMAL 9
 
 /** 4 bytes. */
 #define OC_FORMAT_U8X4 1

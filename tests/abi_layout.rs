@@ -46,22 +46,24 @@ fn layouts() -> Vec<Layout> {
         oc_build_desc {
             struct_size, structure, memory_budget, temp_dir, metres_per_unit, up, splits, threads, reserved, resolve,
             resolve_user, trusted_folder, max_triangles, max_bytes, trust_paths, reserved_2,
+            crease_angle, reserved_3,
         }
         oc_material { struct_size, colour, opacity, metalness, roughness, reserved }
         oc_part { struct_size, material, id, parent, name, has_parent, reserved }
         oc_triangles {
             struct_size, mesh, part, positions, position_count, position_stride, indices, index_count, colours,
-            colour_stride, scalar, index,
+            colour_stride, scalar, index, normals, normal_stride, position_colours, position_colour_stride,
         }
         oc_build_report {
             struct_size, notes, triangles_in, triangles_kept, dropped_non_finite, dropped_degenerate,
             dropped_out_of_range, parts, instances, geometry_bytes, file_bytes, seconds_read, seconds_build,
-            seconds_write, position_error,
+            seconds_write, position_error, unusable_normals,
         }
         oc_io { struct_size, reserved, size, read_at, close, user, name }
         oc_model_info {
             struct_size, up, bounds_min, bounds_max, metres_per_unit, triangles_in, triangles_stored,
             triangles_placed, file_bytes, geometry_bytes, resident_bytes, parts, instances, blocks, has_colours,
+            has_normals, reserved,
         }
         oc_part_info {
             struct_size, parent, id, name, triangles, bounds_min, bounds_max, colour, metalness, roughness,
@@ -71,7 +73,7 @@ fn layouts() -> Vec<Layout> {
         oc_background { struct_size, reserved, bottom, top }
         oc_ray { origin, t_min, t_max, direction, cone_a, cone_b, mask }
         oc_query { struct_size, want, flags, reserved, rays, count, stride }
-        oc_hit { t, position, t_free, part, instance, prim, normal, uv, error, kind, reserved }
+        oc_hit { t, position, t_free, part, instance, prim, normal, uv, error, kind, shading_normal }
         oc_overlap { instance, part, kind, reserved }
         oc_plane { normal, d }
         oc_target { memory, size, row_pitch, buffer, reserved }

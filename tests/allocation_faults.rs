@@ -10,7 +10,7 @@ use glam::{DAffine3, DVec3};
 use outcrop::base::progress::{Cancel, Progress};
 use outcrop::base::reserve::{LARGEST, Reserve};
 use outcrop::build::{BuildOptions, Builder};
-use outcrop::import::{MeshKey, PartDesc, Sink};
+use outcrop::import::{Attributes, MeshKey, PartDesc, Sink};
 use outcrop::math::Ray;
 use outcrop::query::{Hit, QueryOptions};
 use outcrop::scene::{Camera, Context, ContextOptions, Model, Scene};
@@ -97,7 +97,7 @@ fn build(out: &Path, input: &Path, triangles: &[[DVec3; 3]], memory_budget: u64)
     builder.add_file(input)?;
     let part = builder.part(PartDesc { name: "a part".into(), ..PartDesc::default() })?;
     for some in triangles.chunks(3000) {
-        builder.triangles(MeshKey::DIRECT, part, some, Some(&vec![[0.5; 3]; some.len()]))?;
+        builder.triangles(MeshKey::DIRECT, part, some, Attributes::colours(&vec![[[0.5; 3]; 3]; some.len()]))?;
     }
     builder.finish(out).map(drop)
 }

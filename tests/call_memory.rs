@@ -10,7 +10,7 @@ use glam::{DAffine3, DVec3};
 use outcrop::base::progress::{Cancel, Progress};
 use outcrop::build::{BuildOptions, Builder};
 use outcrop::import::generate::{GenerateOptions, generate};
-use outcrop::import::{MeshKey, PartDesc, Sink};
+use outcrop::import::{Attributes, MeshKey, PartDesc, Sink};
 use outcrop::math::{DBounds, Ray};
 use outcrop::{
     Context, ContextOptions, Error, Frame, FrameOptions, FrameSettings, FrameState, Hit, Model, Outputs, QueryOptions,
@@ -150,7 +150,7 @@ fn calls_keep_to_the_budget_and_the_stated_bounds() {
     build(&file("small.oc"), |builder| {
         let part = PartDesc { id: Some(1), name: "one".into(), parent: None, material: None };
         let part = builder.part(part).unwrap();
-        builder.triangles(MeshKey::DIRECT, part, &[[DVec3::ZERO, DVec3::X, DVec3::Y]], None).unwrap();
+        builder.triangles(MeshKey::DIRECT, part, &[[DVec3::ZERO, DVec3::X, DVec3::Y]], Attributes::NONE).unwrap();
     });
     scenes(&file("small.oc"));
     let options = GenerateOptions { triangles: sized(300_000, 100_000) as u64, seed: 0 };

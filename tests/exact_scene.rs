@@ -11,7 +11,7 @@ use crate::common::rounding::{Rounding, Seen, shift};
 use crate::common::scenes::{Soup, on_five_models};
 use crate::common::stored::{self, StoredTree};
 use outcrop::build::Structure;
-use outcrop::import::{MeshKey, PartDesc, Sink};
+use outcrop::import::{Attributes, MeshKey, PartDesc, Sink};
 use outcrop::math::Ray;
 use outcrop::query::{Hit, HitKind, Policy, QueryOptions, Want};
 use outcrop::scene::SceneState;
@@ -43,7 +43,7 @@ fn build(soup: &Soup) -> built::Built {
             builder.part(PartDesc { id: Some(part_id(p)), ..Default::default() }).expect("a part");
         }
         for (i, run) in soup.tris.chunks(RUN).enumerate() {
-            builder.triangles(MeshKey::DIRECT, (i % PARTS) as u32, run, None).expect("triangles");
+            builder.triangles(MeshKey::DIRECT, (i % PARTS) as u32, run, Attributes::NONE).expect("triangles");
         }
     })
 }

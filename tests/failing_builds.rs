@@ -4,7 +4,7 @@ use glam::{DAffine3, DVec3};
 use outcrop::Error;
 use outcrop::base::progress::{Cancel, Phase, Progress};
 use outcrop::build::{BuildOptions, BuildReport, Builder};
-use outcrop::import::{MeshKey, PartDesc, Sink};
+use outcrop::import::{Attributes, MeshKey, PartDesc, Sink};
 use outcrop::store::ModelFile;
 use std::fs;
 use std::io::{Seek, Write};
@@ -29,7 +29,7 @@ fn filled(count: usize, options: BuildOptions) -> Watched {
         [DVec3::new(x, y, z), DVec3::new(x + 1.0, y, -z), DVec3::new(x, y + 1.0, 0.5)]
     };
     let triangles: Vec<_> = (0..count).map(triangle).collect();
-    builder.triangles(MeshKey::DIRECT, part, &triangles, None).unwrap();
+    builder.triangles(MeshKey::DIRECT, part, &triangles, Attributes::NONE).unwrap();
     Watched { builder, progress, cancel }
 }
 
@@ -214,15 +214,15 @@ fn what_contradicts_itself_is_refused_where_it_is_said() {
     let mut builder = Builder::new(one_thread(), Arc::new(Progress::default()), Cancel::new()).unwrap();
     let refused = |result: outcrop::Result<()>| assert!(matches!(result, Err(Error::BadArgument(_))), "{result:?}");
     let some = [[DVec3::ZERO, DVec3::X, DVec3::Y]];
-    refused(builder.triangles(MeshKey::DIRECT, 0, &some, None));
-    refused(builder.triangles(MeshKey(9), 0, &some, None));
+    refused(builder.triangles(MeshKey::DIRECT, 0, &some, Attributes::NONE));
+    refused(builder.triangles(MeshKey(9), 0, &some, Attributes::NONE));
     refused(builder.part(PartDesc { parent: Some(0), ..PartDesc::default() }).map(|_| ()));
     refused(builder.part(PartDesc { material: Some(9), ..PartDesc::default() }).map(|_| ()));
     refused(builder.shared_mesh(0).map(|_| ()));
     refused(builder.shared_mesh(u32::MAX).map(|_| ()));
     let part = builder.part(PartDesc::default()).unwrap();
     let mesh = builder.shared_mesh(2).unwrap();
-    refused(builder.triangles(mesh, 2, &some, None));
+    refused(builder.triangles(mesh, 2, &some, Attributes::NONE));
     refused(builder.instance(mesh, DAffine3::IDENTITY, part));
     builder.part(PartDesc::default()).unwrap();
     for flat in [
@@ -233,7 +233,7 @@ fn what_contradicts_itself_is_refused_where_it_is_said() {
         refused(builder.instance(mesh, flat, part));
     }
     refused(builder.instance(MeshKey::DIRECT, DAffine3::IDENTITY, part));
-    refused(builder.triangles(MeshKey::DIRECT, part, &some, Some(&[])));
+    refused(builder.triangles(MeshKey::DIRECT, part, &some, Attributes::colours(&[])));
     builder.instance(mesh, DAffine3::IDENTITY, part).unwrap();
     let dir = tempfile::tempdir().unwrap();
     let report = builder.finish(&dir.path().join("model.oc")).unwrap();
@@ -249,11 +249,11 @@ fn a_shared_mesh_that_is_placed_nowhere_is_left_out_and_said() {
         let mut builder = Builder::new(one_thread(), Arc::new(Progress::default()), Cancel::new()).unwrap();
         let part = builder.part(PartDesc::default()).unwrap();
         let mesh = builder.shared_mesh(1).unwrap();
-        builder.triangles(mesh, 0, &some, None).unwrap();
+        builder.triangles(mesh, 0, &some, Attributes::NONE).unwrap();
         builder.instance(mesh, DAffine3::IDENTITY, part).unwrap();
         for &parts in unplaced {
             let mesh = builder.shared_mesh(parts).unwrap();
-            builder.triangles(mesh, parts - 1, &some[..1], None).unwrap();
+            builder.triangles(mesh, parts - 1, &some[..1], Attributes::NONE).unwrap();
         }
         let path = dir.path().join(name);
         let report = builder.finish(&path).unwrap();
@@ -369,7 +369,9 @@ fn colours_in_many_blocks() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("model.oc");
     let Watched { mut builder, .. } = filled(20_000, one_thread());
-    builder.triangles(MeshKey::DIRECT, 0, &[[DVec3::ZERO, DVec3::X, DVec3::Y]], Some(&[[0.5; 3]])).unwrap();
+    builder
+        .triangles(MeshKey::DIRECT, 0, &[[DVec3::ZERO, DVec3::X, DVec3::Y]], Attributes::colours(&[[[0.5; 3]; 3]]))
+        .unwrap();
     let report = builder.finish(&path).unwrap();
     assert!(report.blocks > 4, "{} blocks test little", report.blocks);
     let file = ModelFile::open_path(&path).unwrap();

@@ -5,7 +5,7 @@ use glam::{DAffine3, DVec3};
 use outcrop::base::ids::BlockId;
 use outcrop::base::progress::{Cancel, Progress};
 use outcrop::build::{BuildOptions, Builder};
-use outcrop::import::{MeshKey, PartDesc, Sink};
+use outcrop::import::{Attributes, MeshKey, PartDesc, Sink};
 use outcrop::math::Ray;
 use outcrop::store::{Header, MemorySource, ModelFile, PartRow, PartSets, Source, TreeRow, Writer};
 use outcrop::{Buffer, HitKind, Outputs, QueryOptions};
@@ -70,12 +70,12 @@ fn built_of(counts: [usize; 3]) -> Vec<u8> {
     for (id, count) in (0..).zip(counts) {
         let key = part(&mut builder, 100 + id, None);
         let some = triangles(count, size);
-        let colours = vec![[id as f32 / 2.0, 0.5, 0.25]; some.len()];
-        builder.triangles(MeshKey::DIRECT, key, &some, Some(&colours)).unwrap();
+        let colours = vec![[[id as f32 / 2.0, 0.5, 0.25]; 3]; some.len()];
+        builder.triangles(MeshKey::DIRECT, key, &some, Attributes::colours(&colours)).unwrap();
     }
     let mesh = builder.shared_mesh(2).unwrap();
-    builder.triangles(mesh, 0, &triangles(4, 1.0), None).unwrap();
-    builder.triangles(mesh, 1, &triangles(5, 1.0), None).unwrap();
+    builder.triangles(mesh, 0, &triangles(4, 1.0), Attributes::NONE).unwrap();
+    builder.triangles(mesh, 1, &triangles(5, 1.0), Attributes::NONE).unwrap();
     for i in 0..2 {
         let first = part(&mut builder, 200 + 10 * i, Some(0));
         part(&mut builder, 201 + 10 * i, Some(0));

@@ -8,7 +8,9 @@ mod thread_memory;
 use glam::{DAffine3, DVec3};
 use models::MODELS;
 use outcrop::base::progress::Cancel;
-use outcrop::import::{MaterialDesc, MaterialKey, MeshKey, PartDesc, PartKey, ReadOptions, Sink, UpAxis, read_file};
+use outcrop::import::{
+    Attributes, MaterialDesc, MaterialKey, MeshKey, PartDesc, PartKey, ReadOptions, Sink, UpAxis, read_file,
+};
 use outcrop::{Error, Result};
 use std::path::Path;
 
@@ -42,7 +44,7 @@ impl Sink for Counter {
         self.meshes += 1;
         Ok(MeshKey(self.meshes))
     }
-    fn triangles(&mut self, _: MeshKey, _: u32, positions: &[[DVec3; 3]], _: Option<&[[f32; 3]]>) -> Result<()> {
+    fn triangles(&mut self, _: MeshKey, _: u32, positions: &[[DVec3; 3]], _: Attributes<'_>) -> Result<()> {
         self.triangles += positions.len() as u64;
         if self.cancel_at_once {
             self.cancel.cancel();

@@ -11,7 +11,7 @@ use crate::common::rounding::{Rounding, U};
 use crate::common::{scenes, stored};
 use glam::{DAffine3, DQuat, DVec3};
 use outcrop::base::error::Error;
-use outcrop::import::{MaterialDesc, MeshKey, PartDesc, Sink};
+use outcrop::import::{Attributes, MaterialDesc, MeshKey, PartDesc, Sink};
 use outcrop::math::{Cone, Ray};
 use outcrop::query::{Hit, HitKind, Policy, QueryOptions, Want};
 use outcrop::scene::{ContextOptions, Model, Scene};
@@ -49,14 +49,14 @@ fn build() -> Built {
         for p in 0..10 {
             builder.part(PartDesc { id: Some(part_id(p)), ..Default::default() }).expect("a part");
         }
-        builder.triangles(MeshKey::DIRECT, 0, &scenes::boxes(20, 1), None).expect("triangles");
+        builder.triangles(MeshKey::DIRECT, 0, &scenes::boxes(20, 1), Attributes::NONE).expect("triangles");
         let bumpy = builder.shared_mesh(2).expect("a mesh");
         let tris = scenes::bumpy_sphere(24, 36, 7);
         let (low, high) = tris.split_at(700);
-        builder.triangles(bumpy, 0, low, None).expect("triangles");
-        builder.triangles(bumpy, 1, high, None).expect("triangles");
+        builder.triangles(bumpy, 0, low, Attributes::NONE).expect("triangles");
+        builder.triangles(bumpy, 1, high, Attributes::NONE).expect("triangles");
         let cube = builder.shared_mesh(1).expect("a mesh");
-        builder.triangles(cube, 0, &scenes::cuboid(-DVec3::ONE, DVec3::ONE), None).expect("triangles");
+        builder.triangles(cube, 0, &scenes::cuboid(-DVec3::ONE, DVec3::ONE), Attributes::NONE).expect("triangles");
         for (tree, transform, first_part) in assembly().into_iter().skip(1) {
             let mesh = if tree == 1 { bumpy } else { cube };
             builder.instance(mesh, transform, first_part).expect("an instance");

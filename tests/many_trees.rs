@@ -7,7 +7,7 @@ use crate::common::built::{self, Built, Part};
 use crate::common::rng::Rng;
 use crate::common::scenes;
 use glam::{DAffine3, DQuat, DVec3, Vec3};
-use outcrop::import::{MeshKey, PartDesc, Sink};
+use outcrop::import::{Attributes, MeshKey, PartDesc, Sink};
 use outcrop::math::{Cone, Ray};
 use outcrop::query::{Hit, HitKind, Policy, QueryOptions, Want};
 use outcrop::render::{Buffer, Frame, FrameOptions, FrameSettings, FrameState, Outputs};
@@ -24,14 +24,14 @@ fn assembly() -> Built {
             builder.part(PartDesc { id: Some(100 + id), ..Default::default() }).expect("a part");
         }
         let ball: Vec<_> = scenes::sphere(12, 18).into_iter().map(|t| t.map(|v| v * 0.5)).collect();
-        builder.triangles(MeshKey::DIRECT, 0, &ball, None).expect("triangles");
+        builder.triangles(MeshKey::DIRECT, 0, &ball, Attributes::NONE).expect("triangles");
         let bumpy = builder.shared_mesh(2).expect("a mesh");
         let tris = scenes::bumpy_sphere(16, 24, 3);
         let (low, high) = tris.split_at(300);
-        builder.triangles(bumpy, 0, low, None).expect("triangles");
-        builder.triangles(bumpy, 1, high, None).expect("triangles");
+        builder.triangles(bumpy, 0, low, Attributes::NONE).expect("triangles");
+        builder.triangles(bumpy, 1, high, Attributes::NONE).expect("triangles");
         let cube = builder.shared_mesh(1).expect("a mesh");
-        builder.triangles(cube, 0, &scenes::cuboid(-DVec3::ONE, DVec3::ONE), None).expect("triangles");
+        builder.triangles(cube, 0, &scenes::cuboid(-DVec3::ONE, DVec3::ONE), Attributes::NONE).expect("triangles");
         for (i, mesh) in [bumpy, cube, bumpy, cube].into_iter().enumerate() {
             let at = DVec3::new(i as f64 - 1.5, (i % 2) as f64, 0.3) * 1.2;
             let turn = if i == 0 { DQuat::IDENTITY } else { DQuat::from_rotation_y(i as f64) };

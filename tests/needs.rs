@@ -4,7 +4,7 @@ use crate::common::built::{self, Built};
 use crate::common::frames::LONG;
 use glam::{DAffine3, DVec3};
 use outcrop::build::{BuildOptions, Builder};
-use outcrop::import::{MeshKey, PartDesc, Sink};
+use outcrop::import::{Attributes, MeshKey, PartDesc, Sink};
 use outcrop::scene::{Context, ContextOptions, Look, Model, Scene, Scope};
 use outcrop::{Error, Frame, FrameOptions, FrameSettings, FrameState, Result};
 use std::collections::BTreeMap;
@@ -32,7 +32,7 @@ fn many_parts(count: usize) -> Built {
         let root = part(builder, 0, None);
         for i in 1..count {
             let part = part(builder, i, Some(root));
-            builder.triangles(MeshKey::DIRECT, part, &[triangle(i)], None).expect("a triangle");
+            builder.triangles(MeshKey::DIRECT, part, &[triangle(i)], Attributes::NONE).expect("a triangle");
         }
     })
 }
@@ -42,7 +42,7 @@ fn many_placements(count: usize) -> Built {
     build(|builder| {
         let part = part(builder, 0, None);
         let mesh = builder.shared_mesh(1).expect("a mesh");
-        builder.triangles(mesh, 0, &[triangle(0), triangle(501)], None).expect("triangles");
+        builder.triangles(mesh, 0, &[triangle(0), triangle(501)], Attributes::NONE).expect("triangles");
         for i in 0..count {
             builder.instance(mesh, DAffine3::from_translation(triangle(3 * i)[0]), part).expect("an instance");
         }

@@ -10,7 +10,7 @@ use glam::DVec3;
 use outcrop::Error;
 use outcrop::base::progress::{Cancel, Progress};
 use outcrop::build::{BuildOptions, Builder};
-use outcrop::import::{MeshKey, PartDesc, Sink};
+use outcrop::import::{Attributes, MeshKey, PartDesc, Sink};
 use outcrop::render::{Buffer, Frame, FrameOptions, FrameSettings, FrameState, Outputs};
 use outcrop::scene::Camera;
 use std::sync::Arc;
@@ -45,7 +45,7 @@ fn what_is_too_large_is_refused_and_all_else_goes_on() {
     .unwrap();
     let part = builder.part(PartDesc::default()).unwrap();
     let tris = scenes::sphere(1000, 2000);
-    builder.triangles(MeshKey::DIRECT, part, &tris, None).unwrap();
+    builder.triangles(MeshKey::DIRECT, part, &tris, Attributes::NONE).unwrap();
     limit(192 << 20);
 
     // 65 GB, and 1.2 GB.

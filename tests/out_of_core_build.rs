@@ -13,7 +13,7 @@ use outcrop::base::progress::{Cancel, Progress};
 use outcrop::build::{BuildOptions, BuildReport, Builder, Splits};
 use outcrop::import::collect::Collector;
 use outcrop::import::generate::{GenerateOptions, generate_file};
-use outcrop::import::{MaterialDesc, MeshKey, PartDesc, ReadOptions, Sink, read_file};
+use outcrop::import::{Attributes, MaterialDesc, MeshKey, PartDesc, ReadOptions, Sink, read_file};
 use outcrop::query::{Hit, QueryOptions};
 use outcrop::residency::{ModelBlocks, Residency};
 use outcrop::scene::{Model, Scene};
@@ -54,7 +54,7 @@ fn make(options: BuildOptions, fill: impl FnOnce(&mut Builder)) -> Made {
 fn push(tris: &[Tri]) -> impl FnOnce(&mut Builder) + '_ {
     move |builder| {
         let part = builder.part(PartDesc::default()).unwrap();
-        tris.chunks(4096).for_each(|t| builder.triangles(MeshKey::DIRECT, part, t, None).unwrap());
+        tris.chunks(4096).for_each(|t| builder.triangles(MeshKey::DIRECT, part, t, Attributes::NONE).unwrap());
     }
 }
 
@@ -86,7 +86,7 @@ fn known(hit: &Hit) -> (u64, u64, u64, [u32; 3]) {
 
 /// Calls `f` with all blocks in memory.
 fn with_blocks<T>(file: &Arc<ModelFile>, f: impl FnOnce(&ModelBlocks) -> T) -> T {
-    let decoder = Box::new(BvhDecoder::new(file.header().geometry_blocks, file.trees()));
+    let decoder = Box::new(BvhDecoder::new(file.header(), file.trees()));
     let residency = Residency::with_budget(u64::MAX);
     let blocks = ModelBlocks::new(Arc::clone(file), decoder, &residency).unwrap();
     let all: Vec<BlockId> = (0..file.block_count()).map(BlockId).collect();
@@ -202,7 +202,7 @@ fn colours(path: &Path) -> BTreeMap<u32, u32> {
     with_blocks(&file, |blocks| {
         let snapshot = blocks.snapshot();
         let words = |id: u32| snapshot.block(BlockId(id)).unwrap_or(&[]).to_vec();
-        let pairs = |b: u32| words(geometry + b).into_iter().zip(words(2 * geometry + b));
+        let pairs = |b: u32| words(geometry + b).into_iter().zip(words(2 * geometry + b).into_iter().skip(1));
         (0..geometry).flat_map(pairs).collect()
     })
 }
@@ -220,9 +220,10 @@ fn parts_colours_and_shared_meshes() {
         let mut colour = 0.0f32;
         for (i, (ball, boxes)) in ball.chunks(1500).zip(boxes.chunks(1000)).enumerate() {
             colour = (colour + 0.013) % 1.0;
-            let colours = vec![[colour, 1.0 - colour, 0.5]; ball.len()];
-            builder.triangles(mesh, i as u32 % 3, ball, (i % 4 > 0).then_some(&colours[..])).unwrap();
-            builder.triangles(MeshKey::DIRECT, i as u32 % 30, boxes, None).unwrap();
+            let colours = vec![[[colour, 1.0 - colour, 0.5]; 3]; ball.len()];
+            let attributes = if i % 4 > 0 { Attributes::colours(&colours) } else { Attributes::NONE };
+            builder.triangles(mesh, i as u32 % 3, ball, attributes).unwrap();
+            builder.triangles(MeshKey::DIRECT, i as u32 % 30, boxes, Attributes::NONE).unwrap();
         }
         for i in 0..2 {
             builder.instance(mesh, DAffine3::from_translation(DVec3::X * 30.0 * f64::from(i)), 30 + 3 * i).unwrap();
@@ -256,7 +257,7 @@ fn temporaries_that_cannot_be_written() {
     let mut builder = Builder::new(options, Arc::new(Progress::default()), Cancel::new()).unwrap();
     let part = builder.part(PartDesc::default()).unwrap();
     let tris = scenes::bumpy_sphere(300, 300, 1);
-    match builder.triangles(MeshKey::DIRECT, part, &tris, None) {
+    match builder.triangles(MeshKey::DIRECT, part, &tris, Attributes::NONE) {
         Err(Error::Io { path, .. }) => assert_eq!(path, nowhere),
         other => panic!("{other:?}"),
     }

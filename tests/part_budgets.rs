@@ -12,7 +12,7 @@ use outcrop::base::error::Result;
 use outcrop::base::ids::BlockId;
 use outcrop::build::{BuildOptions, Builder};
 use outcrop::import::generate::GenerateOptions;
-use outcrop::import::{MeshKey, Sink};
+use outcrop::import::{Attributes, MeshKey, Sink};
 use outcrop::render::{Buffer, Frame, FrameOptions, FrameSettings, FrameState, FrameStatus, Outputs};
 use outcrop::scene::{Context, ContextOptions, Look, Model, Scene, Scope};
 use outcrop::store::ModelFile;
@@ -41,9 +41,9 @@ impl Change for Only<'_> {
         to: &mut Builder,
         (mesh, part): (MeshKey, u32),
         positions: &[[DVec3; 3]],
-        colours: Option<&[[f32; 3]]>,
+        attributes: Attributes<'_>,
     ) -> Result<()> {
-        if (self.0)(part) { to.triangles(mesh, part, positions, colours) } else { Ok(()) }
+        if (self.0)(part) { to.triangles(mesh, part, positions, attributes) } else { Ok(()) }
     }
 }
 

@@ -9,7 +9,7 @@ use crate::common::rng::Rng;
 use crate::common::scenes;
 use glam::{DQuat, DVec3};
 use outcrop::build::{BuildOptions, BuildReport, Builder};
-use outcrop::import::{MaterialDesc, MeshKey, PartDesc, Sink};
+use outcrop::import::{Attributes, MaterialDesc, MeshKey, PartDesc, Sink};
 use outcrop::math::Ray;
 use outcrop::query::{HitKind, QueryOptions};
 use std::fmt::Write;
@@ -67,7 +67,7 @@ fn check_comb(way: &str, (built, report): &(Built, BuildReport), others: u64, by
 fn push(builder: &mut Builder, tris: &[Tri]) {
     let material = builder.material(MaterialDesc::default()).expect("a material");
     let part = builder.part(PartDesc { material: Some(material), ..PartDesc::default() }).expect("a part");
-    builder.triangles(MeshKey::DIRECT, part, tris, None).expect("triangles");
+    builder.triangles(MeshKey::DIRECT, part, tris, Attributes::NONE).expect("triangles");
 }
 
 #[test]

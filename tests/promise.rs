@@ -10,7 +10,7 @@ use crate::common::rays::{Ray32, RayKind, RayMaker};
 use crate::common::rounding::{Rounding, Seen, shift};
 use crate::common::scenes::{self, Soup};
 use glam::{DAffine3, DQuat, DVec3};
-use outcrop::import::{MeshKey, PartDesc, Sink};
+use outcrop::import::{Attributes, MeshKey, PartDesc, Sink};
 use outcrop::math::{Cone, Ray};
 use outcrop::query::{Hit, HitKind, Policy, QueryOptions, Want};
 use outcrop::render::{Frame, FrameOptions, FrameSettings};
@@ -63,8 +63,8 @@ fn nested(soup: &Soup) -> Nested {
         builder.part(PartDesc { id: Some(2), ..Default::default() }).expect("a part");
         let mesh = builder.shared_mesh(2).expect("a mesh");
         let (low, high) = soup.tris.split_at(soup.tris.len() / 3);
-        builder.triangles(mesh, 0, low, None).expect("triangles");
-        builder.triangles(mesh, 1, high, None).expect("triangles");
+        builder.triangles(mesh, 0, low, Attributes::NONE).expect("triangles");
+        builder.triangles(mesh, 1, high, Attributes::NONE).expect("triangles");
         own.iter().for_each(|m| builder.instance(mesh, *m, 0).expect("an instance"));
     });
     let through = |m: &DAffine3, t: &Tri| t.map(|v| m.transform_point3(v));
@@ -206,7 +206,7 @@ fn check(soup: &Soup) {
             builder.part(PartDesc { id: Some(p), ..Default::default() }).expect("a part");
         }
         for (i, run) in soup.tris.chunks(64).enumerate() {
-            builder.triangles(MeshKey::DIRECT, (i % 5) as u32, run, None).expect("triangles");
+            builder.triangles(MeshKey::DIRECT, (i % 5) as u32, run, Attributes::NONE).expect("triangles");
         }
     });
     let context = built::context(2);
@@ -289,7 +289,7 @@ fn of_what_is_in_memory_of_a_scan() {
     let soup = Soup { name: "bumps", tris: scenes::bumpy_sphere(rings, segments, 5) };
     let file = built::build(|builder| {
         builder.part(PartDesc { id: Some(1), ..Default::default() }).expect("a part");
-        builder.triangles(MeshKey::DIRECT, 0, &soup.tris, None).expect("triangles");
+        builder.triangles(MeshKey::DIRECT, 0, &soup.tris, Attributes::NONE).expect("triangles");
     });
     check_cold(soup.name, &file.path, &[DAffine3::IDENTITY], &Bvh64::new(soup.tris.clone()), size_of(&soup), 6000);
 }
@@ -316,7 +316,7 @@ fn rays_that_begin_in_a_missing_cell_are_free_of_nothing() {
     let oracle = Bvh64::new(tris.clone());
     let file = built::build(|builder| {
         builder.part(PartDesc { id: Some(1), ..Default::default() }).expect("a part");
-        builder.triangles(MeshKey::DIRECT, 0, &tris, None).expect("triangles");
+        builder.triangles(MeshKey::DIRECT, 0, &tris, Attributes::NONE).expect("triangles");
     });
     let whole = Model::open(&built::context(0), &file.path).expect("a model").memory().geometry;
     let options = ContextOptions { threads: 0, memory_budget: 3 * whole, read_ahead: false, ..Default::default() };

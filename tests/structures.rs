@@ -12,7 +12,7 @@ use outcrop::base::error::Error;
 use outcrop::base::ids::BlockId;
 use outcrop::base::progress::{Cancel, Progress};
 use outcrop::build::{BuildOptions, Builder, Structure};
-use outcrop::import::{MeshKey, PartDesc, Sink};
+use outcrop::import::{Attributes, MeshKey, PartDesc, Sink};
 use outcrop::math::{Cone, PACKET, Ray, STREAM};
 use outcrop::query::{Hit, HitKind, Policy, QueryOptions};
 use outcrop::residency::{ModelBlocks, Residency};
@@ -272,7 +272,7 @@ fn a_brute_says_how_much_it_holds() {
     let options = built::with(Structure::Brute, built::options);
     let mut builder = Builder::new(options, Arc::new(Progress::default()), Cancel::new()).expect("a builder");
     let part = builder.part(PartDesc::default()).expect("a part");
-    builder.triangles(MeshKey::DIRECT, part, &scenes::plane_grid(370, 0.0), None).expect("triangles");
+    builder.triangles(MeshKey::DIRECT, part, &scenes::plane_grid(370, 0.0), Attributes::NONE).expect("triangles");
     match builder.finish(&folder.path().join("model.oc")) {
         Err(Error::BadArgument(why)) => assert!(why.contains("4096 lists of 64"), "{why}"),
         other => panic!("{other:?}"),

@@ -15,7 +15,7 @@ use glam::{DAffine3, DVec3};
 use libc_calls::{Call, fail_at};
 use outcrop::base::progress::{Cancel, Progress};
 use outcrop::build::{BuildOptions, BuildReport, Builder};
-use outcrop::import::{MeshKey, PartDesc, Sink};
+use outcrop::import::{Attributes, MeshKey, PartDesc, Sink};
 use outcrop::math::Ray;
 use outcrop::query::{Hit, QueryOptions};
 use outcrop::scene::{Camera, Context, ContextOptions, Model, Scene, SceneState};
@@ -165,7 +165,9 @@ fn builds_with_scratch_files_while_the_system_fails() {
         libc_calls::armed(|| -> outcrop::Result<BuildReport> {
             let mut builder = Builder::new(options, Arc::new(Progress::default()), Cancel::new())?;
             let part = builder.part(PartDesc::default())?;
-            triangles.chunks(4096).try_for_each(|some| builder.triangles(MeshKey::DIRECT, part, some, None))?;
+            triangles
+                .chunks(4096)
+                .try_for_each(|some| builder.triangles(MeshKey::DIRECT, part, some, Attributes::NONE))?;
             builder.finish(&path)
         })
     };

@@ -1,6 +1,7 @@
 //! Batches: consecutive triangles of a mesh, in memory or encoded in a scratch file.
 
 use super::coding;
+use super::values::{Value, Values};
 use crate::base::error::{Error, Result};
 use crate::base::memory;
 use crate::base::scratch::Scratch;
@@ -46,23 +47,27 @@ pub struct Batch {
     pub parts: Vec<u32>,
     /// Primitive id of each triangle, ascending.
     pub prims: Vec<u32>,
-    /// sRGB colour of each triangle; empty if no triangle of the batch has a colour. Alpha 0 means the colour of the
-    /// part's material.
-    pub colours: Vec<[u8; 4]>,
+    /// Colours and normals.
+    pub values: Values,
 }
 
 impl Batch {
-    /// Makes room for so many more triangles, and for the colours of all if they have any. Fails with `NoMemory`.
-    pub fn make_room(&mut self, triangles: usize, coloured: bool) -> Result<()> {
+    /// A batch without triangles, in single precision or not.
+    pub fn empty(is_single: bool) -> Self {
+        let positions = if is_single { Positions::Single(Vec::new()) } else { Positions::Double(Vec::new()) };
+        Self { positions, parts: Vec::new(), prims: Vec::new(), values: Values::default() }
+    }
+
+    /// Makes room for so many more triangles with values like `next`. Fails with `NoMemory`.
+    pub fn make_room(&mut self, triangles: usize, next: &Value) -> Result<()> {
         let what = "the triangles of the input";
-        let colours = if coloured { self.parts.len() + triangles - self.colours.len() } else { 0 };
+        self.values.make_room(self.parts.len(), triangles, next)?;
         match &mut self.positions {
             Positions::Single(p) => memory::make_room(p, triangles, what)?,
             Positions::Double(p) => memory::make_room(p, triangles, what)?,
         }
         memory::make_room(&mut self.parts, triangles, what)?;
-        memory::make_room(&mut self.prims, triangles, what)?;
-        memory::make_room(&mut self.colours, colours, what)
+        memory::make_room(&mut self.prims, triangles, what)
     }
 
     /// Number of bytes of memory.
@@ -71,7 +76,7 @@ impl Batch {
             Positions::Single(p) => size_of::<[Vec3; 3]>() * p.capacity(),
             Positions::Double(p) => size_of::<[DVec3; 3]>() * p.capacity(),
         };
-        (positions + 4 * (self.parts.capacity() + self.prims.capacity() + self.colours.capacity())) as u64
+        (positions + 4 * (self.parts.capacity() + self.prims.capacity()) + self.values.bytes()) as u64
     }
 }
 

@@ -5,7 +5,8 @@ use super::report::{BuildReport, PhaseSeconds};
 use super::seal::{self, Asked, Gathered};
 use super::shares::Shares;
 use super::spool::Spool;
-use super::{BuildOptions, Splits};
+use super::values::Value;
+use super::{BuildOptions, Splits, normals};
 use crate::base::account::Account;
 use crate::base::error::{Error, Result};
 use crate::base::inputs::Inputs;
@@ -15,7 +16,9 @@ use crate::base::quota::Quota;
 use crate::base::reserve;
 use crate::base::scratch::{Scratch, ScratchSpace};
 use crate::base::threads;
-use crate::import::{self, MaterialDesc, MaterialKey, MeshKey, PartDesc, PartKey, ReadOptions, Sink, UpAxis};
+use crate::import::{
+    self, Attributes, MaterialDesc, MaterialKey, MeshKey, PartDesc, PartKey, ReadOptions, Sink, UpAxis,
+};
 use crate::math::srgb;
 use crate::store::{InstanceRow, MaterialRow, PartRow, TreeRow, sections};
 use crate::structure::Par;
@@ -54,6 +57,7 @@ pub struct Builder {
     assembly: Assembly,
     triangles_in: u64,
     non_finite: u64,
+    unusable_normals: u64,
     metres_per_unit: Option<f64>,
     up: UpAxis,
     notes: Vec<String>,
@@ -67,6 +71,9 @@ impl Builder {
             && !(m.is_finite() && m > 0.0)
         {
             return Err(Error::bad_argument("metres_per_unit must be finite and greater than 0"));
+        }
+        if !(options.crease_angle.is_finite() && options.crease_angle <= 180.0) {
+            return Err(Error::bad_argument("crease_angle must be finite and at most 180"));
         }
         threads::check(options.threads, "threads")?;
         let default = MaterialDesc::default();
@@ -90,6 +97,7 @@ impl Builder {
             assembly: Assembly { materials: vec![row_of(default)], ..Assembly::default() },
             triangles_in: 0,
             non_finite: 0,
+            unusable_normals: 0,
             metres_per_unit: None,
             up: UpAxis::Unknown,
             notes: Vec::new(),
@@ -134,6 +142,12 @@ impl Builder {
         let largest = self.meshes.iter().map(|mesh| mesh.triangles).max().unwrap_or(0);
         see_room(largest, self.in_memory, self.options.memory_budget)?;
         let shares = self.present_shares()?;
+        let unusable = self.unusable_normals;
+        if unusable > 0 {
+            self.notes.push(format!(
+                "{unusable} normals of the input are zero or not finite: the normals of their triangles replace them"
+            ));
+        }
         let Self { options, progress, cancel, notes, meshes, spilled, assembly, space, inputs, quota, .. } = self;
         let gathered = Gathered {
             meshes,
@@ -152,6 +166,7 @@ impl Builder {
         progress.advance(1.0);
         progress.enter(Phase::Done);
         report.notes.splice(0..0, notes);
+        report.unusable_normals = unusable;
         report.seconds = PhaseSeconds { read, ..report.seconds };
         Ok(report)
     }
@@ -342,7 +357,7 @@ impl Sink for Builder {
         mesh: MeshKey,
         part: u32,
         positions: &[[DVec3; 3]],
-        colours: Option<&[[f32; 3]]>,
+        attributes: Attributes<'_>,
     ) -> Result<()> {
         if self.declared.do_not_fit {
             // The input is only counted, for the error at its end.
@@ -356,9 +371,7 @@ impl Sink for Builder {
         if part >= limit {
             return Err(Error::bad_argument("triangles: no such part"));
         }
-        if colours.is_some_and(|c| c.len() != positions.len()) {
-            return Err(Error::bad_argument("triangles: the number of colours differs from the number of triangles"));
-        }
+        attributes.check(positions.len())?;
         let most = self.options.max_triangles;
         if most > 0 && self.triangles_in + positions.len() as u64 > most {
             return Err(Error::OverLimit { what: "triangles of the input", most, limit: "max_triangles" });
@@ -373,11 +386,16 @@ impl Sink for Builder {
                 self.non_finite += 1;
                 return Ok(());
             }
-            let colour = colours.map(|c| {
-                let [r, g, b] = c[i].map(srgb::level);
-                [r, g, b, 255]
+            let colours = attributes.colours.map(|c| {
+                c[i].map(|colour| {
+                    let [r, g, b] = colour.map(srgb::level);
+                    [r, g, b, 255]
+                })
             });
-            spool.push(corners, part, prim, colour)
+            let normals = attributes.normals.map(|n| n[i].map(normals::given));
+            let given = normals.iter().flatten();
+            self.unusable_normals += given.filter(|n| **n == normals::OWN).count() as u64;
+            spool.push(corners, part, prim, Value { colours, normals })
         });
         self.in_memory += spool.bytes() - before;
         self.triangles_in += positions.len() as u64;

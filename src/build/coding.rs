@@ -5,14 +5,17 @@
 //! |---|---|
 //! | 4 | u32: number of the following bytes |
 //! | 4, 4 | u32: number of triangles, number of distinct vertices |
-//! | 1 | bit 0: double precision; bit 1: colours |
+//! | 1 | bit 0: double precision; bit 1: colours; bit 2: normals |
 //! | .. | parts, as runs of equal numbers; two varints per run: part, length |
 //! | .. | primitive ids, as runs of consecutive numbers; two varints per run: numbers skipped, length |
 //! | .. | corners, three varints per triangle: 0 for a new vertex, else the distance back to a known vertex |
 //! | .. | x of the vertices, then y, then z: difference to the one before, ordered integers, zigzag, in byte planes |
-//! | 4 x triangles | colours, channel by channel |
+//! | 12 x triangles | colours, corner by corner, channel by channel |
+//! | 3 x triangles | for each corner: 1 for a normal other than the last one at its vertex, else 0 |
+//! | 4 x such corners | their normals, in byte planes |
 
 use super::batch::{Batch, Positions};
+use super::values::Values;
 use crate::base::bytes::{push_varint, take_varint};
 use bytemuck::must_cast;
 use glam::{DVec3, Vec3};
@@ -20,6 +23,7 @@ use lz4_flex::block;
 
 const DOUBLE: u8 = 1;
 const COLOURS: u8 = 2;
+const NORMALS: u8 = 4;
 
 /// A coordinate as an unsigned integer. The integers have the order of the coordinates.
 trait Coordinate: Copy {
@@ -78,17 +82,47 @@ pub fn encode(batch: &Batch) -> Vec<u8> {
     // Number of vertices, which is known later.
     out.extend([0; 4]);
     let double = if matches!(batch.positions, Positions::Double(_)) { DOUBLE } else { 0 };
-    out.push(double | if batch.colours.is_empty() { 0 } else { COLOURS });
+    let Values { colours, normals } = &batch.values;
+    let flag = |is_empty: bool, flag: u8| if is_empty { 0 } else { flag };
+    out.push(double | flag(colours.is_empty(), COLOURS) | flag(normals.is_empty(), NORMALS));
     push_parts(&mut out, &batch.parts);
     push_prims(&mut out, &batch.prims);
     let vertices = match &batch.positions {
         Positions::Single(p) => push_positions(&mut out, count, |i| p[i].map(|c| c.to_array())),
         Positions::Double(p) => push_positions(&mut out, count, |i| p[i].map(|c| c.to_array())),
     };
-    out[4..8].copy_from_slice(&vertices.to_le_bytes());
-    (0..4).for_each(|channel| out.extend(batch.colours.iter().map(|c| c[channel])));
+    out[4..8].copy_from_slice(&vertices.count.to_le_bytes());
+    (0..12).for_each(|byte| out.extend(colours.iter().map(|c| c.as_flattened()[byte])));
+    push_normals(&mut out, normals, &vertices);
     block::compress_prepend_size(&out)
 }
+
+/// The vertices of a batch.
+struct Numbered {
+    count: u32,
+    /// Vertex of each corner.
+    corners: Vec<u32>,
+}
+
+fn push_normals(out: &mut Vec<u8>, normals: &[[u32; 3]], vertices: &Numbered) {
+    if normals.is_empty() {
+        return;
+    }
+    let mut last = vec![NONE; vertices.count as usize];
+    let mut new = Vec::new();
+    for (&normal, &vertex) in normals.as_flattened().iter().zip(&vertices.corners) {
+        let last = &mut last[vertex as usize];
+        out.push(u8::from(*last != normal));
+        if *last != normal {
+            *last = normal;
+            new.push(normal);
+        }
+    }
+    (0..4).for_each(|byte| out.extend(new.iter().map(|n| (n >> (8 * byte)) as u8)));
+}
+
+/// A code that no normal has (`math::octahedral`).
+const NONE: u32 = u32::MAX;
 
 fn push_parts(out: &mut Vec<u8>, parts: &[u32]) {
     for run in parts.chunk_by(|a, b| a == b) {
@@ -106,8 +140,9 @@ fn push_prims(out: &mut Vec<u8>, prims: &[u32]) {
     }
 }
 
-/// Writes corners and vertices. Returns the number of vertices.
-fn push_positions<C: Coordinate>(out: &mut Vec<u8>, count: usize, triangle: impl Fn(usize) -> [[C; 3]; 3]) -> u32 {
+/// Writes corners and vertices. Returns the vertices.
+fn push_positions<C: Coordinate>(out: &mut Vec<u8>, count: usize, triangle: impl Fn(usize) -> [[C; 3]; 3]) -> Numbered {
+    let mut corners = Vec::with_capacity(3 * count);
     let mut vertices: Vec<[u64; 3]> = Vec::with_capacity(count);
     // The last vertex with each hash. A vertex whose entry was overwritten is written again, which is rare and
     // harmless.
@@ -119,7 +154,9 @@ fn push_positions<C: Coordinate>(out: &mut Vec<u8>, count: usize, triangle: impl
         let index = *slot as usize;
         if index < vertices.len() && vertices[index] == vertex {
             push_varint(out, (vertices.len() - index) as u32);
+            corners.push(index as u32);
         } else {
+            corners.push(vertices.len() as u32);
             *slot = vertices.len() as u32;
             out.push(0);
             vertices.push(vertex);
@@ -136,7 +173,7 @@ fn push_positions<C: Coordinate>(out: &mut Vec<u8>, count: usize, triangle: impl
             (0..C::LEN).for_each(|p| planes[p * vertices.len() + i] = (coded >> (8 * p)) as u8);
         }
     }
-    vertices.len() as u32
+    Numbered { count: vertices.len() as u32, corners }
 }
 
 fn hash([x, y, z]: [u64; 3]) -> usize {
@@ -175,20 +212,42 @@ pub fn decode(bytes: &[u8]) -> Option<Batch> {
         next = first.wrapping_add(length);
         (first, 1)
     })?;
+    let numbered = read_corners(&mut reader, count, vertices)?;
     let positions = if flags & DOUBLE == 0 {
-        let points = read_positions(&mut reader, count, vertices)?;
+        let points = read_positions(&mut reader, &numbered)?;
         Positions::Single(points.into_iter().map(must_cast::<[[f32; 3]; 3], [Vec3; 3]>).collect())
     } else {
-        let points = read_positions::<f64>(&mut reader, count, vertices)?;
+        let points = read_positions::<f64>(&mut reader, &numbered)?;
         Positions::Double(points.into_iter().map(|t| t.map(DVec3::from_array)).collect())
     };
-    let colours = if flags & COLOURS == 0 {
-        Vec::new()
-    } else {
-        let planes = reader.take(4 * count)?;
-        (0..count).map(|i| [0, 1, 2, 3].map(|c| planes[c * count + i])).collect()
-    };
-    reader.0.is_empty().then_some(Batch { positions, parts, prims, colours })
+    let mut values = Values::default();
+    if flags & COLOURS != 0 {
+        let planes = reader.take(count.checked_mul(12)?)?;
+        let byte = |i: usize, corner: usize, channel: usize| planes[(4 * corner + channel) * count + i];
+        let colours = |i: usize| [0, 1, 2].map(|corner| [0, 1, 2, 3].map(|channel| byte(i, corner, channel)));
+        values.colours = (0..count).map(colours).collect();
+    }
+    if flags & NORMALS != 0 {
+        values.normals = read_normals(&mut reader, &numbered)?;
+    }
+    reader.0.is_empty().then_some(Batch { positions, parts, prims, values })
+}
+
+fn read_normals(reader: &mut Reader, vertices: &Numbered) -> Option<Vec<[u32; 3]>> {
+    let is_new = reader.take(vertices.corners.len())?;
+    let new = is_new.iter().filter(|&&flag| flag != 0).count();
+    let planes = reader.take(4 * new)?;
+    let normal = |i: usize| u32::from_le_bytes([0, 1, 2, 3].map(|byte| planes[byte * new + i]));
+    let (mut last, mut at) = (vec![NONE; vertices.count as usize], 0);
+    let mut out = Vec::with_capacity(is_new.len());
+    for (&vertex, &is_new) in vertices.corners.iter().zip(is_new) {
+        if is_new != 0 {
+            last[vertex as usize] = normal(at);
+            at += 1;
+        }
+        out.push(last[vertex as usize]);
+    }
+    Some(out.as_chunks().0.to_vec())
 }
 
 /// Reads numbers in runs. `run` returns the first number of a run and the step to the next one, from the run's two
@@ -206,20 +265,18 @@ fn read_runs(reader: &mut Reader, count: usize, mut run: impl FnMut(u32, u32) ->
     Some(all)
 }
 
-fn read_positions<C: Coordinate + Default>(
-    reader: &mut Reader,
-    count: usize,
-    vertices: usize,
-) -> Option<Vec<[[C; 3]; 3]>> {
+fn read_corners(reader: &mut Reader, count: usize, vertices: usize) -> Option<Numbered> {
     let (mut corners, mut known) = (Vec::with_capacity(3 * count.min(super::batch::BATCH)), 0u32);
     for _ in 0..3 * count {
         let back = reader.varint()?;
         corners.push(known.checked_sub(back)?);
         known += u32::from(back == 0);
     }
-    if known as usize != vertices {
-        return None;
-    }
+    (known as usize == vertices).then_some(Numbered { count: known, corners })
+}
+
+fn read_positions<C: Coordinate + Default>(reader: &mut Reader, numbered: &Numbered) -> Option<Vec<[[C; 3]; 3]>> {
+    let vertices = numbered.count as usize;
     let mut points = vec![[C::default(); 3]; vertices];
     for axis in 0..3 {
         let planes = reader.take(C::LEN.checked_mul(vertices)?)?;
@@ -230,7 +287,7 @@ fn read_positions<C: Coordinate + Default>(
             point[axis] = C::from_ordered(before);
         }
     }
-    Some(corners.chunks_exact(3).map(|c| [0, 1, 2].map(|k| points[c[k] as usize])).collect())
+    Some(numbered.corners.chunks_exact(3).map(|c| [0, 1, 2].map(|k| points[c[k] as usize])).collect())
 }
 
 #[cfg(test)]
@@ -239,15 +296,15 @@ mod tests {
     use proptest::prelude::*;
 
     #[allow(clippy::type_complexity)] // the compared fields, and no more
-    fn bits(batch: &Batch) -> (Vec<u64>, bool, &[u32], &[u32], &[[u8; 4]]) {
+    fn bits(batch: &Batch) -> (Vec<u64>, bool, &[u32], &[u32], &Values) {
         let bits = match &batch.positions {
             Positions::Single(p) => p.iter().flatten().flat_map(|c| c.to_array()).map(|x| x.to_bits().into()).collect(),
             Positions::Double(p) => p.iter().flatten().flat_map(|c| c.to_array()).map(f64::to_bits).collect(),
         };
-        (bits, matches!(batch.positions, Positions::Double(_)), &batch.parts, &batch.prims, &batch.colours)
+        (bits, matches!(batch.positions, Positions::Double(_)), &batch.parts, &batch.prims, &batch.values)
     }
 
-    fn batch(numbers: &[(u32, u64, u8)], double: bool, coloured: bool, shared: bool) -> Batch {
+    fn batch(numbers: &[(u32, u64, u8)], double: bool, [coloured, normals]: [bool; 2], shared: bool) -> Batch {
         // With few different values, vertices are shared; with all values, they are not.
         let single = |n: u64| if shared { (n % 5) as f32 - 2.0 } else { f32::from_bits((n as u32) & 0xff7f_ffff) };
         let both = |n: u64| if shared { (n % 5) as f64 * -0.1 } else { f64::from_bits(n & !(1 << 62)) };
@@ -268,16 +325,27 @@ mod tests {
                     next
                 })
                 .collect(),
-            colours: if coloured { numbers.iter().map(|n| n.0.to_le_bytes()).collect() } else { Vec::new() },
+            values: Values {
+                colours: if coloured {
+                    numbers.iter().map(|n| [n.0, !n.0, n.0 / 3].map(u32::to_le_bytes)).collect()
+                } else {
+                    Vec::new()
+                },
+                normals: if normals {
+                    numbers.iter().map(|n| [n.0 / 2, n.0 % 3, n.0 % 5]).collect()
+                } else {
+                    Vec::new()
+                },
+            },
         }
     }
 
     proptest! {
         #[test]
         fn any_batch_comes_back_to_the_bit(
-            numbers in prop::collection::vec(any::<(u32, u64, u8)>(), 0..200), double: bool, coloured: bool, shared: bool,
+            numbers in prop::collection::vec(any::<(u32, u64, u8)>(), 0..200), double: bool, has: [bool; 2], shared: bool,
         ) {
-            let batch = batch(&numbers, double, coloured, shared);
+            let batch = batch(&numbers, double, has, shared);
             let coded = encode(&batch);
             let back = decode(&coded).expect("what was written");
             prop_assert_eq!(bits(&back), bits(&batch));
@@ -290,7 +358,7 @@ mod tests {
         fn damage_does_not_panic(
             numbers in prop::collection::vec(any::<(u32, u64, u8)>(), 1..50), at in any::<prop::sample::Index>(), flip in 1u8..,
         ) {
-            let mut coded = encode(&batch(&numbers, false, true, true));
+            let mut coded = encode(&batch(&numbers, false, [true; 2], true));
             let at = 4 + at.index(coded.len() - 4);
             coded[at] ^= flip;
             let _ = decode(&coded);
@@ -311,7 +379,7 @@ mod tests {
             positions: Positions::Single((0..count).map(triangle).collect()),
             parts: vec![3; count],
             prims: (0..count as u32).collect(),
-            colours: Vec::new(),
+            values: Values::default(),
         };
         let bytes = encode(&batch).len() as f64 / count as f64;
         println!("{bytes} bytes a triangle");

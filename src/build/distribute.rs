@@ -24,6 +24,15 @@ pub struct Bucket {
     pub triangles: u64,
     /// Bounds of the middles of their boxes.
     bounds: Bounds,
+    /// Bounds of the triangles.
+    pub reach: Bounds,
+}
+
+impl Bucket {
+    /// A bucket without triangles.
+    pub fn empty() -> Self {
+        Self { extents: Vec::new(), triangles: 0, bounds: Bounds::EMPTY, reach: Bounds::EMPTY }
+    }
 }
 
 /// Parameters of the distribution.
@@ -98,11 +107,11 @@ impl Distributor<'_> {
     }
 
     fn by_arrival(&self, bucket: Bucket, chunks: &mut Vec<Bucket>) {
-        let bounds = bucket.bounds;
-        let mut now = Bucket { extents: Vec::new(), triangles: 0, bounds };
-        for extent in bucket.extents {
+        let empty = || Bucket { extents: Vec::new(), triangles: 0, ..bucket };
+        let mut now = empty();
+        for &extent in &bucket.extents {
             if now.triangles > 0 && now.triangles + u64::from(extent.count) > self.most {
-                chunks.push(std::mem::replace(&mut now, Bucket { extents: Vec::new(), triangles: 0, bounds }));
+                chunks.push(std::mem::replace(&mut now, empty()));
             }
             now.triangles += u64::from(extent.count);
             now.extents.push(extent);
@@ -135,6 +144,11 @@ impl Distributor<'_> {
             self.write_some(&mut pools)?;
             seen(taken);
         }
+        self.buckets(pools)
+    }
+
+    /// Writes all triangles that wait. Returns the buckets.
+    pub(super) fn buckets(&self, mut pools: Vec<Pool>) -> Result<Vec<Bucket>> {
         let all: Vec<usize> = (0..pools.len()).collect();
         for some in all.chunks(64) {
             self.write(&mut pools, some)?;
@@ -143,7 +157,7 @@ impl Distributor<'_> {
     }
 
     /// Writes the pools that fill a batch. If too many triangles wait even then, also writes the largest pools.
-    fn write_some(&self, pools: &mut [Pool]) -> Result<()> {
+    pub(super) fn write_some(&self, pools: &mut [Pool]) -> Result<()> {
         let mut some: Vec<usize> = (0..pools.len()).filter(|&i| pools[i].count >= BATCH).collect();
         self.write(pools, &some)?;
         let mut waiting: u64 = pools.iter().map(|p| p.count as u64).sum();
@@ -177,7 +191,7 @@ impl Distributor<'_> {
 }
 
 /// A bucket that is being filled.
-struct Pool {
+pub(super) struct Pool {
     bucket: Bucket,
     /// Batches that are not yet written.
     waiting: Vec<Batch>,
@@ -186,12 +200,16 @@ struct Pool {
 }
 
 impl Pool {
-    fn new() -> Self {
-        let bucket = Bucket { extents: Vec::new(), triangles: 0, bounds: Bounds::EMPTY };
+    pub(super) fn new() -> Self {
+        let bucket = Bucket::empty();
         Self { bucket, waiting: Vec::new(), count: 0 }
     }
 
-    fn add(&mut self, batch: Batch, bounds: Bounds) {
+    /// Adds triangles, and the bounds of their middles.
+    pub(super) fn add(&mut self, batch: Batch, bounds: Bounds) {
+        if let Positions::Single(triangles) = &batch.positions {
+            self.bucket.reach = triangles.iter().flatten().fold(self.bucket.reach, |reach, p| reach.with(*p));
+        }
         self.bucket.triangles += batch.parts.len() as u64;
         self.bucket.bounds = self.bucket.bounds.union(bounds);
         self.count += batch.parts.len();
@@ -214,11 +232,7 @@ impl Pool {
 
 /// Appends the triangles of `from`. Both batches are in single precision, as all placed triangles are.
 fn append(to: &mut Batch, from: Batch) {
-    if !to.colours.is_empty() || !from.colours.is_empty() {
-        to.colours.resize(to.parts.len(), [0; 4]);
-        to.colours.extend(&from.colours);
-        to.colours.resize(to.parts.len() + from.parts.len(), [0; 4]);
-    }
+    to.values.append(to.parts.len(), &from.values, from.parts.len());
     if let (Positions::Single(to), Positions::Single(from)) = (&mut to.positions, from.positions) {
         to.extend(from);
     }
@@ -244,20 +258,16 @@ fn sort(batch: &Batch, origin: DVec3, grid: &Grid, regions: &Regions) -> Vec<Pie
         let piece = &mut piece_of[region as usize];
         if *piece == u32::MAX {
             *piece = pieces.len() as u32;
-            let (parts, prims, colours) = (Vec::new(), Vec::new(), Vec::new());
-            let batch = Batch { positions: Positions::Single(Vec::new()), parts, prims, colours };
-            pieces.push(Piece { region, batch, bounds: Bounds::EMPTY });
+            pieces.push(Piece { region, batch: Batch::empty(true), bounds: Bounds::EMPTY });
         }
         let Piece { batch: to, bounds, .. } = &mut pieces[*piece as usize];
         *bounds = bounds.with(middle);
         if let Positions::Single(positions) = &mut to.positions {
             positions.push(triangle);
         }
+        to.values.push(to.parts.len(), batch.values.get(i));
         to.parts.push(batch.parts[i]);
         to.prims.push(batch.prims[i]);
-        if !batch.colours.is_empty() {
-            to.colours.push(batch.colours[i]);
-        }
     });
     pieces
 }

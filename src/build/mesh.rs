@@ -4,16 +4,20 @@ use super::BuildOptions;
 use super::batch::Batch;
 use super::builder::asked_for_splits;
 use super::distribute::{Bucket, Distributor};
+use super::margins;
+use super::normals::{self, Faces};
 use super::origin::{self, FAR, Placed};
 use super::output::{ClassAside, Output, Span};
 use super::parts::{self, Assembly};
 use super::spool::Spool;
 use super::survey::{self, Batches};
+use super::values::Has;
 use crate::base::error::Result;
-use crate::base::progress::{Phase, Stretch};
+use crate::base::progress::{Cancel, Phase, Stretch};
 use crate::base::scratch::Scratch;
 use crate::math::Bounds;
 use crate::store::TreeRow;
+use crate::structure::Par;
 use crate::structure::bake::{BakeOp, Baker, Counts, TreeInput, TreeOptions, with_baker};
 use glam::{DVec3, Vec3};
 use std::borrow::Cow;
@@ -96,7 +100,7 @@ impl Output<'_> {
     ) -> Result<TreeRow> {
         let begun = Instant::now();
         let (copies, moved, step) = (std::mem::take(&mut spool.copies), spool.moved, spool.step);
-        let placed = origin::place(spool, self.spilled.as_ref(), &self.par, self.cancel)?;
+        let mut placed = origin::place(spool, self.spilled.as_ref(), &self.par, self.cancel)?;
         self.cancel.check()?;
         self.judged(&placed.fates.moved(moved), placed.origin, &copies, &mut row);
         self.coarsened(&row, step);
@@ -112,8 +116,10 @@ impl Output<'_> {
         let split = asked_for_splits(options.splits).unwrap_or_else(|| B::splits_pay(&placed.triangles));
         let (par, cancel) = (self.par, self.cancel);
         let part_colours = assembly.colours(index, row.local_parts);
+        let own = placed.triangles.len();
+        let normals = make_normals(&mut placed, own, options, &par, cancel)?;
         let stretch = Stretch::new(self.progress, cancel, (span.part(0.05, 1.0).0, span.part(0.7, 1.0).0));
-        let built = B::build(input(&placed, &part_colours), &self.split(split, 0.0), true, &par, &stretch)?;
+        let built = B::build(input(&placed, &normals, &part_colours), &self.split(split, 0.0), true, &par, &stretch)?;
         self.report.seconds.build += begun.elapsed().as_secs_f64();
         let mut chunk = built.chunk;
         let plans = B::take_plans(&mut chunk);
@@ -159,10 +165,15 @@ impl Output<'_> {
         let at = heard(span.part(0.08, 0.25));
         let mut seen = |seen: u64| progress.advance(at(seen));
         let buckets = distributor.chunks(&mesh, &found.grid, &found.histogram, &mut seen)?;
+        let margins = match buckets.len() > 1 && options.crease() >= 0.0 {
+            true => margins::find(&distributor, &buckets)?,
+            false => buckets.iter().map(|_| Bucket::empty()).collect(),
+        };
         assembly.tight.search_batches(index, &mesh, &self.par, self.cancel)?;
         let origin = spool.origin;
         let mesh_half_area = spool.bounds.half_area() as f32;
         let (copies, moved, step) = (std::mem::take(&mut spool.copies), spool.moved, spool.step);
+        let has = spool.has;
         drop(spool);
         if self.trees_left == 0 {
             self.spilled = None;
@@ -175,12 +186,13 @@ impl Output<'_> {
         let part_colours = assembly.colours(index, row.local_parts);
         let mut aside: Vec<ClassAside> = (1..B::CLASSES).map(|_| self.aside()).collect();
         let (mut tops, mut bounds, mut done) = (Vec::new(), Bounds::EMPTY, 0);
-        for bucket in &buckets {
+        for (bucket, margin) in buckets.iter().zip(&margins) {
             let part = |done: u64| 0.25 + 0.7 * done as f64 / found.fates.kept as f64;
             let here = span.part(part(done), part(done + bucket.triangles));
             done += bucket.triangles;
+            let source = Source { bucket, margin, from: &buckets_in, has, options };
             let (top, its_bounds) =
-                self.chunk::<B>(bucket, &buckets_in, &part_colours, (split, mesh_half_area), &mut aside, here)?;
+                self.chunk::<B>(source, &part_colours, (split, mesh_half_area), &mut aside, here)?;
             tops.push(top);
             bounds = bounds.union(its_bounds);
         }
@@ -203,19 +215,21 @@ impl Output<'_> {
     /// Builds one of several chunks of a mesh.
     fn chunk<B: Baker>(
         &mut self,
-        bucket: &Bucket,
-        from: &Scratch,
+        source: Source,
         part_colours: &[Vec3],
         (split, mesh_half_area): (bool, f32),
         aside: &mut [ClassAside],
         span: Span,
     ) -> Result<(B::Top, Bounds)> {
         let begun = Instant::now();
-        let placed = origin::load(&bucket.extents, from, self.has_colours, &self.par, self.cancel)?;
         let (par, cancel) = (self.par, self.cancel);
+        let extents = [&source.bucket.extents[..], &source.margin.extents].concat();
+        let mut placed = origin::load(&extents, source.from, source.has, &par, cancel)?;
+        let own = source.bucket.triangles as usize;
+        let normals = make_normals(&mut placed, own, source.options, &par, cancel)?;
         let stretch = Stretch::new(self.progress, cancel, (span.part(0.05, 1.0).0, span.part(0.7, 1.0).0));
         let options = self.split(split, mesh_half_area);
-        let built = B::build(input(&placed, part_colours), &options, false, &par, &stretch)?;
+        let built = B::build(input(&placed, &normals, part_colours), &options, false, &par, &stretch)?;
         self.report.seconds.build += begun.elapsed().as_secs_f64();
         self.report.chunks += 1;
         let span = span.part(0.7, 1.0);
@@ -262,9 +276,36 @@ impl Output<'_> {
     }
 }
 
-fn input<'a>(placed: &'a Placed, part_colours: &'a [Vec3]) -> TreeInput<'a> {
-    let Placed { triangles, parts, prims, colours, .. } = placed;
-    TreeInput { triangles, parts, prims, colours, part_colours }
+/// One of several chunks of a mesh, and the triangles around it.
+struct Source<'a> {
+    bucket: &'a Bucket,
+    margin: &'a Bucket,
+    from: &'a Scratch,
+    has: Has,
+    options: &'a BuildOptions,
+}
+
+/// Makes the normals of the first `own` triangles, and drops those behind them.
+fn make_normals(
+    placed: &mut Placed,
+    own: usize,
+    options: &BuildOptions,
+    par: &Par,
+    cancel: &Cancel,
+) -> Result<Vec<[u32; 3]>> {
+    let faces = Faces { triangles: &placed.triangles, prims: &placed.prims, given: &placed.values.normals, own };
+    let made = normals::make(&faces, options.crease(), par, cancel)?;
+    placed.triangles.truncate(own);
+    placed.parts.truncate(own);
+    placed.prims.truncate(own);
+    placed.values.colours.truncate(own);
+    placed.values.normals = Vec::new();
+    Ok(made)
+}
+
+fn input<'a>(placed: &'a Placed, normals: &'a [[u32; 3]], part_colours: &'a [Vec3]) -> TreeInput<'a> {
+    let Placed { triangles, parts, prims, values, .. } = placed;
+    TreeInput { triangles, parts, prims, colours: &values.colours, normals, part_colours }
 }
 
 /// Returns the row with the counts of its tree.

@@ -5,24 +5,27 @@
 //! 2. **place** (`split`, `places`, `owners`, `resolve`, `origin`): each mesh gets an origin, positions become single
 //!    precision relative to it, and triangles without area are counted and dropped. Triangles that would lose their
 //!    shape go to further trees with other origins;
-//! 3. **distribute** (`survey`, `regions`, `distribute`), for meshes that do not fit: triangles are sorted into chunks
-//!    of neighbouring triangles, each of which fits;
-//! 4. **build** (`mesh`; `tight` for the bounds of turned placements): the structure's baker (`structure::bake`) makes
+//! 3. **distribute** (`survey`, `regions`, `distribute`, `margins`), for meshes that do not fit: triangles are sorted
+//!    into chunks of neighbouring triangles, each of which fits, and each chunk gets the triangles around it;
+//! 4. **build** (`mesh`; `tight` for the bounds of turned placements): normals are made (`normals`), and the structure's baker (`structure::bake`) makes
 //!    a tree and its blocks of each chunk. The blocks are put aside; the top of the tree stays, and is joined to the
 //!    coarse blocks of the mesh;
 //! 5. **write** (`output`): coarse blocks, then those of each further class; blocks are encoded in parallel and written
 //!    in order;
-//! 6. **seal** (`seal`): primitive ids, colours, tables, checksums, sync, rename.
+//! 6. **seal** (`seal`): primitive ids, colours, normals, tables, checksums, sync, rename.
 //!
 //! A mesh that fits is one chunk, and only blocks of the last class are put aside. `shares` divides the budget. The
 //! chunks, and so the bytes of the file, depend on the budget and never on the number of threads.
 #![forbid(unsafe_code)]
 
 mod batch;
+mod bloom;
 mod builder;
 mod coding;
 mod distribute;
+mod margins;
 mod mesh;
+mod normals;
 mod origin;
 mod output;
 mod owners;
@@ -38,6 +41,7 @@ mod split;
 mod spool;
 mod survey;
 mod tight;
+mod values;
 
 pub use crate::structure::Structure;
 pub use builder::Builder;
@@ -94,6 +98,10 @@ pub struct BuildOptions {
     pub metres_per_unit: Option<f64>,
     /// Up axis, which replaces the value in the input.
     pub up: Option<UpAxis>,
+    /// Where the input gives no normals, they are made from the faces that meet at an edge at less than this angle, in
+    /// degrees up to 180; the edge then appears smooth. 0: [`CREASE_ANGLE`]. Below 0: none are made, and faces appear
+    /// flat. Default 0.
+    pub crease_angle: f32,
     /// The files that mesh files may refer to. Default: those in the folder of each mesh file and below it.
     pub access: Access,
     /// Greatest number of triangles of the input; 0 for no limit. Those of a shared mesh count once. Default 0.
@@ -101,6 +109,16 @@ pub struct BuildOptions {
     /// Greatest number of bytes that the model file and all scratch files take on the disk at any time; 0 for no limit.
     /// Default 0.
     pub max_bytes: u64,
+}
+
+/// The crease angle unless another is asked for, in degrees: chamfers of 45 degrees stay edges.
+pub const CREASE_ANGLE: f32 = 40.0;
+
+impl BuildOptions {
+    /// The crease angle in degrees; below 0 if no normals are made.
+    pub fn crease(&self) -> f32 {
+        if self.crease_angle == 0.0 { CREASE_ANGLE } else { self.crease_angle }
+    }
 }
 
 #[cfg(test)]

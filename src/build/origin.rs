@@ -6,6 +6,7 @@
 
 use super::batch::{Batch, Extent};
 use super::spool::{Spool, Taken};
+use super::values::{Has, NO_COLOURS, NO_NORMALS, Values};
 use crate::base::error::Result;
 use crate::base::memory::zeroed;
 use crate::base::progress::Cancel;
@@ -24,8 +25,8 @@ pub struct Placed {
     pub parts: Vec<u32>,
     /// Primitive id of each triangle, ascending.
     pub prims: Vec<u32>,
-    /// sRGB colour of each triangle, or empty.
-    pub colours: Vec<[u8; 4]>,
+    /// Colours and normals.
+    pub values: Values,
     /// Numbers of kept and dropped triangles of the mesh.
     pub fates: Fates,
 }
@@ -97,14 +98,15 @@ struct Target<'a> {
     triangles: &'a mut [[Vec3; 3]],
     parts: &'a mut [u32],
     prims: &'a mut [u32],
-    colours: &'a mut [[u8; 4]],
+    colours: &'a mut [[[u8; 4]; 3]],
+    normals: &'a mut [[u32; 3]],
 }
 
 /// Rounds a mesh to single precision relative to its origin. Consumes the spool batch by batch. Fails with `Cancelled`,
 /// or with `Io` if a part of the mesh is in a scratch file.
 pub fn place(spool: Spool, scratch: Option<&Scratch>, par: &Par, cancel: &Cancel) -> Result<Placed> {
-    let (origin, has_colours) = (spool.origin, spool.has_colours);
-    gather(spool.take(), scratch, origin, has_colours, par, cancel)
+    let (origin, has) = (spool.origin, spool.has);
+    gather(spool.take(), scratch, origin, has, par, cancel)
 }
 
 /// Calls `keep` with the index and the stored corners of each triangle that is kept.
@@ -129,9 +131,9 @@ pub fn visit(batch: &Batch, origin: DVec3, mut keep: impl FnMut(usize, [Vec3; 3]
 }
 
 /// Loads the triangles of a chunk, which were placed before.
-pub fn load(extents: &[Extent], from: &Scratch, has_colours: bool, par: &Par, cancel: &Cancel) -> Result<Placed> {
+pub fn load(extents: &[Extent], from: &Scratch, has: Has, par: &Par, cancel: &Cancel) -> Result<Placed> {
     let batches = extents.iter().copied().map(Taken::Spilled).collect();
-    gather(batches, Some(from), DVec3::ZERO, has_colours, par, cancel)
+    gather(batches, Some(from), DVec3::ZERO, has, par, cancel)
 }
 
 /// Returns the kept triangles of all batches, relative to `origin`.
@@ -139,13 +141,13 @@ fn gather(
     batches: Vec<Taken>,
     scratch: Option<&Scratch>,
     origin: DVec3,
-    has_colours: bool,
+    has: Has,
     par: &Par,
     cancel: &Cancel,
 ) -> Result<Placed> {
     let counts: Vec<usize> = batches.iter().map(Taken::len).collect();
     // With room for all triangles: mostly all are kept.
-    let mut all = Placed::of(counts.iter().sum(), origin, has_colours)?;
+    let mut all = Placed::of(counts.iter().sum(), origin, has)?;
     let work: Vec<_> = batches.into_iter().zip(targets(&mut all, &counts)).collect();
     let fill = |(batch, target): (Taken, Target)| -> Result<Fates> {
         cancel.check()?;
@@ -158,14 +160,17 @@ fn gather(
 
 impl Placed {
     /// Returns arrays for `count` triangles in memory that is not yet touched: the threads that fill it touch it first.
-    fn of(count: usize, origin: DVec3, has_colours: bool) -> Result<Self> {
+    fn of(count: usize, origin: DVec3, has: Has) -> Result<Self> {
         let what = "triangles of a mesh";
         Ok(Self {
             origin,
             triangles: zeroed(count, what)?,
             parts: zeroed(count, what)?,
             prims: zeroed(count, what)?,
-            colours: zeroed(if has_colours { count } else { 0 }, what)?,
+            values: Values {
+                colours: zeroed(if has.colours { count } else { 0 }, what)?,
+                normals: zeroed(if has.normals { count } else { 0 }, what)?,
+            },
             fates: Fates::default(),
         })
     }
@@ -192,7 +197,8 @@ impl Placed {
         keep(&mut self.triangles, &spans);
         keep(&mut self.parts, &spans);
         keep(&mut self.prims, &spans);
-        keep(&mut self.colours, &spans);
+        keep(&mut self.values.colours, &spans);
+        keep(&mut self.values.normals, &spans);
     }
 }
 
@@ -205,12 +211,14 @@ fn targets<'a>(all: &'a mut Placed, counts: &[usize]) -> Vec<Target<'a>> {
         front
     }
     let (mut triangles, mut parts) = (&mut all.triangles[..], &mut all.parts[..]);
-    let (mut prims, mut colours) = (&mut all.prims[..], &mut all.colours[..]);
+    let Values { colours, normals } = &mut all.values;
+    let (mut prims, mut colours, mut normals) = (&mut all.prims[..], &mut colours[..], &mut normals[..]);
     let mut target = |count: usize| Target {
         triangles: carve(&mut triangles, count),
         parts: carve(&mut parts, count),
         prims: carve(&mut prims, count),
         colours: carve(&mut colours, count),
+        normals: carve(&mut normals, count),
     };
     counts.iter().map(|&count| target(count)).collect()
 }
@@ -223,7 +231,10 @@ fn fill(batch: &Batch, origin: DVec3, to: Target) -> Fates {
         to.parts[at] = batch.parts[i];
         to.prims[at] = batch.prims[i];
         if !to.colours.is_empty() {
-            to.colours[at] = batch.colours.get(i).copied().unwrap_or([0; 4]);
+            to.colours[at] = batch.values.colours.get(i).copied().unwrap_or(NO_COLOURS);
+        }
+        if !to.normals.is_empty() {
+            to.normals[at] = batch.values.normals.get(i).copied().unwrap_or(NO_NORMALS);
         }
         at += 1;
     })
@@ -241,6 +252,7 @@ pub fn has_area([a, b, c]: &[Vec3; 3]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::super::batch::BATCH;
+    use super::super::values::Value;
     use super::*;
 
     /// Dropped triangles leave no gaps: in batches of which some, none or all triangles are kept, with several threads
@@ -253,13 +265,15 @@ mod tests {
             2 => true,
             _ => i.is_multiple_of(2),
         };
+        let colour = |i: usize| [i as u8, (i >> 8) as u8, (i >> 16) as u8, 255];
         let count = 4 * BATCH + 77;
         for (threads, coloured) in [(1, false), (2, true)] {
             let mut spool = Spool::new(5);
             for i in 0..count {
                 let (at, high) = (DVec3::X * (i % 1000) as f64, if stays(i) { 1.0 } else { 0.0 });
-                let colour = coloured.then_some([i as u8, (i >> 8) as u8, (i >> 16) as u8, 255]);
-                spool.push(&[at, at + DVec3::Y, at + DVec3::Z * high], i as u32 % 5, i as u32, colour).expect("room");
+                let colours = coloured.then_some([colour(i), colour(i + 1), colour(i + 2)]);
+                let value = Value { colours, normals: coloured.then_some([i as u32, 1, 2]) };
+                spool.push(&[at, at + DVec3::Y, at + DVec3::Z * high], i as u32 % 5, i as u32, value).expect("room");
             }
             let placed = place(spool, None, &Par { threads }, &Cancel::new()).expect("in memory");
             let expected: Vec<usize> = (0..count).filter(|i| stays(*i)).collect();
@@ -277,14 +291,11 @@ mod tests {
                     .all(|(t, i)| t[0].x - placed.triangles[0][0].x == (i % 1000) as f32)
             );
             assert_eq!((placed.triangles.len(), placed.parts.len()), (expected.len(), expected.len()));
-            assert_eq!(placed.colours.len(), if coloured { expected.len() } else { 0 });
-            assert!(
-                placed
-                    .colours
-                    .iter()
-                    .zip(&expected)
-                    .all(|(c, i)| *c == [*i as u8, (i >> 8) as u8, (i >> 16) as u8, 255])
-            );
+            let Values { colours, normals } = &placed.values;
+            let count = if coloured { expected.len() } else { 0 };
+            assert_eq!((colours.len(), normals.len()), (count, count));
+            assert!(colours.iter().zip(&expected).all(|(c, i)| *c == [colour(*i), colour(i + 1), colour(i + 2)]));
+            assert!(normals.iter().zip(&expected).all(|(n, i)| *n == [*i as u32, 1, 2]));
         }
     }
 

@@ -3,6 +3,7 @@
 use super::part_sets::{BlockParts, TreeParts};
 use super::report::BuildReport;
 use super::shares::Shares;
+use super::values::Has;
 use crate::base::error::Result;
 use crate::base::progress::{Cancel, Progress};
 use crate::base::scratch::{Scratch, ScratchSpace};
@@ -20,9 +21,13 @@ pub struct Output<'a> {
     pub writer: Writer,
     /// Blocks of primitive ids, for all geometry blocks written so far.
     pub prims: Aside,
-    /// Blocks of colours, likewise.
+    /// Blocks of colours and of normals, likewise.
     pub colours: Aside,
-    pub has_colours: bool,
+    pub normals: Aside,
+    /// The streams that are kept.
+    pub has: Has,
+    /// True if any block has normals other than those of its triangles.
+    pub are_smooth: bool,
     /// Parts of all geometry blocks of the trees before the present one, and of the present one.
     pub part_sets: PartSets,
     pub tree_parts: TreeParts,
@@ -56,6 +61,8 @@ struct Encoded {
     geometry: EncodedBlock,
     prims: EncodedBlock,
     colours: Option<EncodedBlock>,
+    normals: Option<EncodedBlock>,
+    is_smooth: bool,
     parts: BlockParts,
     trace_bytes: u32,
 }
@@ -65,6 +72,8 @@ pub struct ClassAside {
     geometry: Aside,
     prims: Aside,
     colours: Aside,
+    normals: Aside,
+    is_smooth: bool,
     parts: TreeParts,
 }
 
@@ -79,6 +88,8 @@ impl ClassAside {
         self.parts.push(block.parts)?;
         self.geometry.push(block.geometry)?;
         self.prims.push(block.prims)?;
+        self.is_smooth |= block.is_smooth;
+        block.normals.map_or(Ok(()), |n| self.normals.push(n))?;
         block.colours.map_or(Ok(()), |c| self.colours.push(c))
     }
 }
@@ -87,7 +98,14 @@ impl Output<'_> {
     /// Returns an empty store for the blocks of one class.
     pub fn aside(&self) -> ClassAside {
         let aside = || Aside::new(self.shares.aside, &self.space);
-        ClassAside { geometry: aside(), prims: aside(), colours: aside(), parts: TreeParts::default() }
+        ClassAside {
+            geometry: aside(),
+            prims: aside(),
+            colours: aside(),
+            normals: aside(),
+            is_smooth: false,
+            parts: TreeParts::default(),
+        }
     }
 
     /// Encodes the blocks of each item of `all`. Writes the first block of each item, and behind all of these the other
@@ -99,12 +117,12 @@ impl Output<'_> {
         span: Span,
     ) -> Result<()> {
         let mut later: Vec<ClassAside> = Vec::new();
-        let (has_colours, par, progress, cancel) = (self.has_colours, self.par, self.progress, self.cancel);
+        let (has, par, progress, cancel) = (self.has, self.par, self.progress, self.cancel);
         each_batch(
             all,
             &par,
             cancel,
-            |one| encode(blocks(one), has_colours),
+            |one| encode(blocks(one), has),
             |encoded, done| {
                 for (class, block) in encoded.into_iter().enumerate() {
                     if class > later.len() {
@@ -128,6 +146,8 @@ impl Output<'_> {
         self.tree_parts.push(block.parts)?;
         self.writer.encoded_block(block.geometry)?;
         self.prims.push(block.prims)?;
+        self.are_smooth |= block.is_smooth;
+        block.normals.map_or(Ok(()), |n| self.normals.push(n))?;
         block.colours.map_or(Ok(()), |c| self.colours.push(c))
     }
 
@@ -139,12 +159,12 @@ impl Output<'_> {
         classes: &mut [ClassAside],
         span: Span,
     ) -> Result<()> {
-        let (has_colours, par, progress, cancel) = (self.has_colours, self.par, self.progress, self.cancel);
+        let (has, par, progress, cancel) = (self.has, self.par, self.progress, self.cancel);
         each_batch(
             all,
             &par,
             cancel,
-            |one| encode(blocks(one), has_colours),
+            |one| encode(blocks(one), has),
             |encoded, done| {
                 classes.iter_mut().zip(encoded).try_for_each(|(class, block)| class.push(block, &mut self.report))?;
                 progress.advance(span.part(done, 1.0).0);
@@ -160,6 +180,8 @@ impl Output<'_> {
         aside.geometry.write_to(&mut self.writer, self.cancel, |done| progress.advance(span.part(done, 1.0).0))?;
         self.progress.bytes_written.store(self.writer.bytes_written(), Relaxed);
         self.prims.append(aside.prims)?;
+        self.are_smooth |= aside.is_smooth;
+        self.normals.append(aside.normals)?;
         self.colours.append(aside.colours)
     }
 }
@@ -187,16 +209,22 @@ fn each_batch<P: Send, T: Send>(
     Ok(())
 }
 
-fn encode(blocks: Vec<BakedBlock>, has_colours: bool) -> Vec<Encoded> {
+fn encode(blocks: Vec<BakedBlock>, has: Has) -> Vec<Encoded> {
     let one = |block: BakedBlock| {
         let beside = 4 * block.prims.len() as u32;
-        // A block without triangles also gets a block of colours, because the id of a block of colours is derived from
-        // that of its geometry block.
-        let colours = has_colours.then(|| streams::encode_colours(&block.colours));
+        // A block without triangles also gets blocks of colours and normals, because their ids are derived from that of
+        // the geometry block.
+        let colours = has.colours.then(|| streams::encode_colours(&block.colours));
+        let is_smooth = block.normals.iter().any(|word| *word != 0);
+        let normals = if is_smooth { &block.normals[..] } else { &[0] };
+        let normals =
+            has.normals.then(|| EncodedBlock::encode(&streams::encode_normals(normals), 4 * normals.len() as u32));
         Encoded {
             geometry: EncodedBlock::encode(&block.payload, block.trace_bytes),
             prims: EncodedBlock::encode(&streams::encode_prims(&block.prims), beside),
-            colours: colours.map(|c| EncodedBlock::encode(&c, beside)),
+            colours: colours.map(|(payload, words)| EncodedBlock::encode(&payload, 4 * words as u32)),
+            normals,
+            is_smooth,
             parts: BlockParts { own: block.parts, below: block.below },
             trace_bytes: block.trace_bytes,
         }

@@ -12,10 +12,10 @@
 //! rounding towards their origin, so that a triangle that spans two details ends before the other one, and hides
 //! nothing of it.
 
+use super::bloom::{self, Bloom};
 use super::places::{Places, crosses};
 use super::shares::Shares;
 use crate::base::error::Result;
-use crate::base::memory::zeroed;
 use crate::math::DBounds;
 use glam::DVec3;
 use xxhash_rust::xxh3::xxh3_64;
@@ -46,9 +46,8 @@ pub type Mark = (u64, usize);
 
 impl<'a> Owners<'a> {
     /// Owners without marks.
-    pub fn new(places: &'a Places) -> Self {
-        let none = || Pairs { words: vec![0] };
-        Self { places, details: none(), around: none(), shared: none() }
+    pub fn new(places: &'a Places) -> Result<Self> {
+        Ok(Self { places, details: Pairs::none()?, around: Pairs::none()?, shared: Pairs::none()? })
     }
 
     /// The origin of a tree.
@@ -211,52 +210,39 @@ fn hash(p: DVec3) -> u64 {
     xxh3_64(bytemuck::bytes_of(&(p + DVec3::ZERO).to_array()))
 }
 
-/// A set of pairs of a vertex and a tree in a few bytes each. It may hold pairs that were not inserted; it always
-/// answers the same for the same pair. (A Bloom filter: Bloom, "Space/time trade-offs in hash coding with allowable
-/// errors", CACM 1970.)
+/// A set of pairs of a vertex and a tree, and of their vertices. It may hold pairs that were not inserted.
 pub struct Pairs {
-    words: Vec<u64>,
+    set: Bloom,
 }
 
 impl Pairs {
+    fn none() -> Result<Self> {
+        Ok(Self { set: Bloom::with_bits(0, "vertices of details")? })
+    }
+
     /// An empty set for the corners of `triangles` triangles, in less memory than the triangles that wait, or 2 MiB if
     /// that is more. (A smaller set takes more triangles for neighbours of a detail, which are then in two trees.)
     pub fn of(triangles: u64, shares: &Shares) -> Result<Self> {
         let most = shares.waiting.min(1 << 32);
         let words = 1 << (triangles.saturating_mul(BITS) / 64).clamp(1 << 12, most.max(1 << 18)).ilog2();
-        Ok(Self { words: zeroed(words, "vertices of details")? })
-    }
-
-    /// The words and bits of a hash.
-    fn bits(&self, hash: u64) -> impl Iterator<Item = (usize, u64)> + use<> {
-        let (last, step) = (self.words.len() - 1, hash.rotate_left(32) | 1);
-        (1..=4u64).map(move |i| {
-            let at = hash.wrapping_add(step.wrapping_mul(i));
-            ((at >> 6) as usize & last, 1 << (at & 63))
-        })
-    }
-
-    /// The hash of a pair.
-    fn pair(hash: u64, tree: usize) -> u64 {
-        (hash ^ (tree as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15)).wrapping_mul(0xff51_afd7_ed55_8ccd)
+        Ok(Self { set: Bloom::with_bits(64 * words, "vertices of details")? })
     }
 
     /// Adds pairs.
     pub fn insert(&mut self, marks: &[Mark]) {
         for &(hash, tree) in marks {
-            for (word, bit) in self.bits(hash).chain(self.bits(Self::pair(hash, tree))) {
-                self.words[word] |= bit;
-            }
+            self.set.insert(hash);
+            self.set.insert(bloom::pair(hash, tree));
         }
     }
 
     /// True if there is any pair with this vertex.
     fn may_have(&self, hash: u64) -> bool {
-        self.bits(hash).all(|(word, bit)| self.words[word] & bit != 0)
+        self.set.has(hash)
     }
 
     fn has(&self, hash: u64, tree: usize) -> bool {
-        self.may_have(Self::pair(hash, tree))
+        self.set.has(bloom::pair(hash, tree))
     }
 }
 

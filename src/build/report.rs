@@ -52,6 +52,10 @@ pub struct BuildReport {
     pub bytes_temporary: u64,
     /// Bytes of the primitive ids in the file.
     pub bytes_ids: u64,
+    /// Bytes of the normals in the file; 0 if each triangle has its own.
+    pub bytes_normals: u64,
+    /// Normals of the input that are zero or not finite. Those of the triangles replace them.
+    pub unusable_normals: u64,
     /// Greatest distance between a vertex of the input and the stored vertex, in units of the model.
     pub position_error: f64,
     /// True if some triangles were split between leaves.

@@ -10,6 +10,7 @@ use super::shares::Shares;
 use super::split::{self, Splitter};
 use super::spool::Spool;
 use super::tight::Tight;
+use super::values::Has;
 use crate::base::error::Result;
 use crate::base::groups::Groups;
 use crate::base::inputs::Inputs;
@@ -67,7 +68,10 @@ pub fn run(mut gathered: Gathered, asked: &Asked, threads: usize) -> Result<Buil
     let Asked { options, shares, space, out, inputs, quota, progress, cancel, done } = asked;
     progress.enter(Phase::Build);
     progress.advance(*done);
-    let has_colours = gathered.meshes.iter().any(|m| m.has_colours);
+    let any = |has: fn(&Has) -> bool| gathered.meshes.iter().any(|m| has(&m.has));
+    let given = Has { colours: any(|has| has.colours), normals: any(|has| has.normals) };
+    // Normals are made unless the crease angle is negative.
+    let has = Has { normals: given.normals || options.crease() >= 0.0, ..given };
     // Fails early if the folder cannot be written, or if the target is an input.
     let writer = Writer::guarded(out, inputs, quota)?;
     let mut meshes = std::mem::take(&mut gathered.meshes);
@@ -90,7 +94,9 @@ pub fn run(mut gathered: Gathered, asked: &Asked, threads: usize) -> Result<Buil
         writer,
         prims: aside(),
         colours: aside(),
-        has_colours,
+        normals: aside(),
+        has,
+        are_smooth: false,
         part_sets: PartSets::default(),
         tree_parts: TreeParts::default(),
         spilled: gathered.spilled.take(),
@@ -116,7 +122,7 @@ pub fn run(mut gathered: Gathered, asked: &Asked, threads: usize) -> Result<Buil
     let all: f64 = meshes.iter().map(|m| 1.0 + m.triangles as f64).sum();
     let mut before = 0.0;
     for (index, mut spool) in meshes.into_iter().enumerate() {
-        spool.has_colours = has_colours;
+        spool.has.colours = has.colours;
         let size = 1.0 + spool.triangles as f64;
         let span = Span(placed, TREES_DONE).part(before / all, (before + size) / all);
         before += size;
@@ -136,7 +142,9 @@ fn seal(
     options: &BuildOptions,
     begun: Instant,
 ) -> Result<BuildReport> {
-    let Output { mut writer, prims, colours, has_colours, part_sets, mut report, space, progress, cancel, .. } = output;
+    let Output { mut writer, prims, colours, normals, has, part_sets, mut report, space, progress, cancel, .. } =
+        output;
+    let has_normals = output.are_smooth;
     if let Some((moved, step)) = output.coarsened {
         report.notes.push(format!(
             "positions of large triangles moved by up to {moved:.2e} units, which is more than the input's digits \
@@ -152,7 +160,12 @@ fn seal(
     prims.write_to(&mut writer, cancel, |done| progress.advance(ids.part(done, 1.0).0))?;
     report.bytes_ids = writer.bytes_written() - before;
     let last = Span(IDS_DONE, 1.0);
-    colours.write_to(&mut writer, cancel, |done| progress.advance(last.part(done / 2.0, 1.0).0))?;
+    colours.write_to(&mut writer, cancel, |done| progress.advance(last.part(done / 4.0, 1.0).0))?;
+    let before = writer.bytes_written();
+    if has_normals {
+        normals.write_to(&mut writer, cancel, |done| progress.advance(last.part(0.25 + done / 4.0, 1.0).0))?;
+    }
+    report.bytes_normals = writer.bytes_written() - before;
     let Assembly { parts, materials, instances, .. } = &gathered.assembly;
     report.non_finite = gathered.non_finite;
     report.triangles_kept = trees.iter().map(|t| t.triangles).sum();
@@ -177,7 +190,8 @@ fn seal(
             out_of_range: report.out_of_range,
         },
         geometry_blocks,
-        has_colours,
+        has_colours: has.colours,
+        has_normals,
         options: Options {
             spatial_splits: report.spatial_splits,
             leaf_triangles: with_baker(options.structure, LeafTriangles),

@@ -279,7 +279,7 @@ impl Splitter<'_> {
 
     /// Finds the trees of the triangles, given the number of those in details.
     fn owners<'p>(&self, mesh: &Spool, places: &'p Places, details: u64) -> Result<Owners<'p>> {
-        let mut owners = Owners::new(places);
+        let mut owners = Owners::new(places)?;
         owners.details = self.pairs(mesh, details, |t, _, marks| {
             if !resolve::is_resolved(t, mesh.origin)
                 && let Some(home) = places.home(t)
@@ -374,11 +374,11 @@ impl Splitter<'_> {
         let mut routes = routes.into_iter().peekable();
         for i in 0..batch.positions.len() {
             let (part, prim) = (batch.parts[i], batch.prims[i]);
-            let colour = batch.colours.get(i).filter(|c| c[3] != 0).copied();
+            let value = batch.values.get(i);
             let mut stays = true;
             while let Some(route) = routes.next_if(|route| route.index as usize == i) {
                 let tree = &mut trees[route.tree as usize];
-                tree.push(&route.corners, part, prim, colour)?;
+                tree.push(&route.corners, part, prim, value)?;
                 tree.moved = tree.moved.max(route.moved);
                 if route.is_copy {
                     *tree.copies.entry(part).or_default() += 1;
@@ -386,7 +386,7 @@ impl Splitter<'_> {
                 stays = false;
             }
             if stays {
-                trees[0].push(&batch.positions.triangle(i), part, prim, colour)?;
+                trees[0].push(&batch.positions.triangle(i), part, prim, value)?;
             }
         }
         if let Some(to) = self.spilled

@@ -3,6 +3,7 @@
 
 use super::batch::{self, BATCH, Batch, Extent, Positions};
 use super::origin;
+use super::values::{Has, Value};
 use crate::base::error::{Error, Result};
 use crate::base::scratch::Scratch;
 use crate::math::DBounds;
@@ -25,8 +26,8 @@ pub struct Spool {
     pub origin: DVec3,
     /// Number of local parts that the triangles may belong to.
     pub local_parts: u32,
-    /// True if any triangle has a colour.
-    pub has_colours: bool,
+    /// The values that any triangle has.
+    pub has: Has,
     /// True if every coordinate is exact in single precision.
     pub is_single: bool,
     /// Number of triangles.
@@ -49,7 +50,7 @@ impl Spool {
             bounds: DBounds::EMPTY,
             origin: DVec3::ZERO,
             local_parts,
-            has_colours: false,
+            has: Has::default(),
             is_single: true,
             triangles: 0,
             copies: BTreeMap::new(),
@@ -64,7 +65,7 @@ impl Spool {
     }
 
     /// Adds a triangle whose corners are finite. Fails with `NoMemory`; then it is not added.
-    pub fn push(&mut self, corners: &[DVec3; 3], part: u32, prim: u32, colour: Option<[u8; 4]>) -> Result<()> {
+    pub fn push(&mut self, corners: &[DVec3; 3], part: u32, prim: u32, value: Value) -> Result<()> {
         let single = corners.map(|c| c.as_vec3());
         let exact = corners.iter().zip(&single).all(|(d, s)| s.as_dvec3() == *d);
         let room = self
@@ -76,9 +77,7 @@ impl Spool {
             self.kept.push(self.next_batch(exact)?);
         }
         let Some(batch) = self.kept.last_mut() else { return Ok(()) };
-        // The triangles of the batch before the first coloured one have no colour.
-        let is_coloured = colour.is_some() || !batch.colours.is_empty();
-        batch.make_room(1, is_coloured)?;
+        batch.make_room(1, &value)?;
         if !origin::is_too_large(corners) {
             self.bounds = corners.iter().fold(self.bounds, |b, &c| b.with(c));
             self.is_single &= exact;
@@ -88,11 +87,9 @@ impl Spool {
             Positions::Single(p) => p.push(single),
             Positions::Double(p) => p.push(*corners),
         }
-        if is_coloured {
-            batch.colours.resize(batch.parts.len(), [0; 4]);
-            batch.colours.push(colour.unwrap_or([0; 4]));
-            self.has_colours = true;
-        }
+        batch.values.push(batch.parts.len(), value);
+        self.has.colours |= value.colours.is_some();
+        self.has.normals |= value.normals.is_some();
         batch.parts.push(part);
         batch.prims.push(prim);
         Ok(())
@@ -109,7 +106,8 @@ impl Spool {
     ) -> Result<()> {
         self.bounds = self.bounds.union(bounds);
         self.is_single &= matches!(batch.positions, Positions::Single(_));
-        self.has_colours |= !batch.colours.is_empty();
+        self.has.colours |= !batch.values.colours.is_empty();
+        self.has.normals |= !batch.values.normals.is_empty();
         self.triangles += batch.positions.len() as u64;
         match (was_spilled, to) {
             (Some(Taken::Spilled(extent)), Some(to)) => {
@@ -130,9 +128,8 @@ impl Spool {
     fn next_batch(&self, exact: bool) -> Result<Batch> {
         let spilled = || self.spilled.last().map_or(0, |extent| extent.count as usize);
         let room = self.kept.last().map_or_else(spilled, |batch| batch.parts.len());
-        let positions = if exact { Positions::Single(Vec::new()) } else { Positions::Double(Vec::new()) };
-        let mut batch = Batch { positions, parts: Vec::new(), prims: Vec::new(), colours: Vec::new() };
-        batch.make_room(room, false)?;
+        let mut batch = Batch::empty(exact);
+        batch.make_room(room, &Value::default())?;
         Ok(batch)
     }
 

@@ -4,7 +4,7 @@ use super::*;
 use crate::base::ids::BlockId;
 use crate::base::progress::{Cancel, Progress};
 use crate::geom::watertight::{Shear, intersect_one};
-use crate::import::{MeshKey, PartDesc, Sink};
+use crate::import::{Attributes, MeshKey, PartDesc, Sink};
 use crate::math::{PACKET, STREAM, first_rays};
 use crate::residency::{ModelBlocks, Residency};
 use crate::simd::Isa;
@@ -53,7 +53,7 @@ fn build(triangles: &[[Vec3; 3]], options: BuildOptions) -> (Opened, BuildReport
         (0..5).map(|i| builder.part(PartDesc { id: Some(100 + i), ..PartDesc::default() }).expect("part")).collect();
     for (i, t) in triangles.iter().enumerate() {
         let part = parts[i / 7 % parts.len()];
-        builder.triangles(MeshKey::DIRECT, part, &[t.map(|p| p.as_dvec3())], None).expect("triangle");
+        builder.triangles(MeshKey::DIRECT, part, &[t.map(|p| p.as_dvec3())], Attributes::NONE).expect("triangle");
     }
     let report = builder.finish(&path).expect("build");
     let bytes = std::fs::read(&path).expect("file");
@@ -264,7 +264,7 @@ fn triangles_that_cannot_be_traced_are_dropped_and_counted() {
         [DVec3::ZERO, DVec3::X, DVec3::X * 2.0],
         good,
     ];
-    builder.triangles(MeshKey::DIRECT, part, &bad, None).expect("accepted");
+    builder.triangles(MeshKey::DIRECT, part, &bad, Attributes::NONE).expect("accepted");
     let folder = tempfile::tempdir().expect("folder");
     let report = builder.finish(&folder.path().join("m.oc")).expect("build");
     assert_eq!((report.triangles_in, report.triangles_kept), (6, 2));
@@ -286,7 +286,7 @@ fn a_disk_that_fails_at_any_write_leaves_the_old_file_and_nothing_else() {
         let options = BuildOptions { threads: 1, memory_budget: 32 << 20, temp_dir, ..BuildOptions::default() };
         let mut builder = Builder::new(options, Arc::new(Progress::default()), Cancel::new())?;
         let part = builder.part(PartDesc::default())?;
-        triangles.chunks(4096).try_for_each(|t| builder.triangles(MeshKey::DIRECT, part, t, None))?;
+        triangles.chunks(4096).try_for_each(|t| builder.triangles(MeshKey::DIRECT, part, t, Attributes::NONE))?;
         builder.finish(&path)
     };
     let mut failures = 0;
@@ -319,7 +319,7 @@ fn many_shared_meshes_have_their_own_parts() {
     let keys: Vec<MeshKey> = (0..MESHES).map(|_| builder.shared_mesh(1).expect("mesh")).collect();
     for (mesh, key) in keys.iter().enumerate() {
         let size = size(mesh);
-        builder.triangles(*key, 0, &[[DVec3::ZERO, size.with_y(0.0), size]], None).expect("triangle");
+        builder.triangles(*key, 0, &[[DVec3::ZERO, size.with_y(0.0), size]], Attributes::NONE).expect("triangle");
     }
     // In an order that is not that of the meshes.
     for mesh in (0..MESHES).map(|i| i * 7919 % MESHES) {

@@ -133,6 +133,12 @@ pub struct oc_build_desc {
     pub trust_paths: u32,
     /// Must be 0.
     pub reserved_2: u32,
+    /// Angle in degrees, at most 180, up to which an edge between two triangles appears smooth, if the input has no
+    /// normals there. 0: 40 degrees, with which chamfers of 45 degrees stay edges. Below 0: no normals are made, and
+    /// surfaces without normals show their facets.
+    pub crease_angle: f32,
+    /// Must be 0.
+    pub reserved_3: u32,
 }
 
 // SAFETY: `repr(C)`, numbers, pointers and a nullable function without padding, `struct_size` first.
@@ -159,6 +165,7 @@ fn threads(asked: u32, context: &ContextObject) -> usize {
 unsafe fn options(desc: &oc_build_desc, context: &ContextObject) -> Checked<BuildOptions> {
     reserved(desc.reserved, "oc_build_desc.reserved")?;
     reserved(desc.reserved_2, "oc_build_desc.reserved_2")?;
+    reserved(desc.reserved_3, "oc_build_desc.reserved_3")?;
     check_threads(desc.threads, "oc_build_desc.threads")?;
     let structure = match desc.structure {
         OC_STRUCTURE_DEFAULT | OC_STRUCTURE_BVH => Structure::Bvh,
@@ -207,6 +214,7 @@ unsafe fn options(desc: &oc_build_desc, context: &ContextObject) -> Checked<Buil
         splits,
         metres_per_unit,
         up,
+        crease_angle: desc.crease_angle,
         access,
         max_triangles,
         max_bytes,

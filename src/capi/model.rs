@@ -291,11 +291,16 @@ pub struct oc_model_info {
     pub blocks: u32,
     /// 1: triangles may have colours of their own. 0: they have the colours of their parts.
     pub has_colours: u32,
+    /// 1: triangles may have normals at their corners that make them appear smooth. 0: each has only its own.
+    pub has_normals: u32,
+    /// Always 0.
+    pub reserved: u32,
 }
 
 // SAFETY: `repr(C)`, integers and doubles without padding, `struct_size` first.
 unsafe impl Sized32 for oc_model_info {
     const NAME: &'static str = "oc_model_info";
+    const FIRST_SIZE: usize = std::mem::offset_of!(oc_model_info, has_normals);
 }
 
 /// Returns the properties of a model.
@@ -328,6 +333,8 @@ pub unsafe extern "C" fn oc_model_get_info(model: *const oc_model, out_info: *mu
                 instances: info.instances,
                 blocks: info.geometry_blocks,
                 has_colours: u32::from(info.has_colours),
+                has_normals: u32::from(info.has_normals),
+                reserved: 0,
             });
             Ok(())
         })

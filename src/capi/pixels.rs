@@ -29,6 +29,8 @@ pub const OC_BUFFER_KIND: oc_buffer = 7;
 /// 1 float: an original surface lies within this distance of the surface shown, in world units. Infinity if stand-ins
 /// have transmitted the ray to a triangle or to the background: an original surface may lie anywhere before it.
 pub const OC_BUFFER_ERROR: oc_buffer = 8;
+/// 3 floats: unit normal in world space with which the surface is shaded, see `oc_hit.shading_normal`. Miss: 0.
+pub const OC_BUFFER_SHADING_NORMAL: oc_buffer = 9;
 
 /// Type of the elements of a buffer.
 pub type oc_format = u32;
@@ -57,7 +59,7 @@ fn format(buffer: Buffer) -> oc_format {
         Buffer::ColourSrgb8 => OC_FORMAT_U8X4,
         Buffer::ColourLinear => OC_FORMAT_F32X4,
         Buffer::Depth | Buffer::Error => OC_FORMAT_F32,
-        Buffer::Normal => OC_FORMAT_F32X3,
+        Buffer::Normal | Buffer::ShadingNormal => OC_FORMAT_F32X3,
         Buffer::Part | Buffer::Primitive | Buffer::Instance => OC_FORMAT_U64,
         Buffer::Kind => OC_FORMAT_U8,
     }

@@ -115,8 +115,10 @@ pub struct oc_hit {
     pub error: f32,
     /// One of the OC_HIT_ constants.
     pub kind: oc_hit_kind,
-    /// Always 0.
-    pub reserved: u32,
+    /// Unit normal in world space with which the surface is shaded, on the side of `normal`: interpolated between the
+    /// corners of the triangle, so that coarse facets appear smooth. Where a model has no such normals, and for
+    /// stand-ins, it is `normal`. Miss: 0.
+    pub shading_normal: [f32; 3],
 }
 
 /// Flags: members of oc_hit to compute, combined with `|`. Fewer members take less time.
@@ -137,8 +139,10 @@ pub const OC_WANT_INSTANCE: oc_want = 32;
 pub const OC_WANT_PRIM: oc_want = 64;
 /// `error` and `t_free`; `t` in double precision.
 pub const OC_WANT_ERROR: oc_want = 128;
-/// All members.
+/// All members but `shading_normal`.
 pub const OC_WANT_ALL: oc_want = 255;
+/// `shading_normal`. May have to read the disk.
+pub const OC_WANT_SHADING_NORMAL: oc_want = 256;
 
 /// Flags of oc_query.
 pub type oc_query_flags = u32;
@@ -182,7 +186,7 @@ unsafe impl Sized32 for oc_query {
 impl oc_query {
     fn options(&self) -> Checked<QueryOptions> {
         reserved(self.reserved, "oc_query.reserved")?;
-        if self.want & !OC_WANT_ALL != 0 {
+        if self.want & !(OC_WANT_ALL | OC_WANT_SHADING_NORMAL) != 0 {
             return bad(format!("oc_query.want {:#x}: unknown flags", self.want));
         }
         if self.flags & !(OC_QUERY_COHERENT | OC_QUERY_NOW) != 0 {
@@ -247,7 +251,7 @@ macro_rules! same_places {
 }
 same_places!(oc_ray, Ray: origin is origin, t_min is t_min, t_max is t_max, direction is dir, cone_a is cone, mask is mask);
 same_places!(oc_hit, Hit: t is t, position is position, t_free is t_free, part is part, instance is instance,
-    prim is prim, normal is normal, uv is uv, error is error, kind is kind, reserved is reserved);
+    prim is prim, normal is normal, uv is uv, error is error, kind is kind, shading_normal is shading_normal);
 
 /// The caller's array of hits.
 struct CHits(Strided<oc_hit>);

@@ -62,6 +62,8 @@ pub struct oc_build_report {
     pub seconds_write: f64,
     /// Greatest distance between a corner of the input and the stored corner, in units of the model.
     pub position_error: f64,
+    /// Normals of the input that are zero, NaN or infinite. The normals of their triangles replace them.
+    pub unusable_normals: u64,
 }
 
 // SAFETY: `repr(C)`, numbers without padding, `struct_size` first.
@@ -105,6 +107,7 @@ pub unsafe extern "C" fn oc_job_build_report(job: *const oc_job, out_report: *mu
                 seconds_build: r.seconds.build,
                 seconds_write: r.seconds.write,
                 position_error: r.position_error,
+                unusable_normals: r.unusable_normals,
             });
             Ok(())
         })

@@ -3,8 +3,8 @@
 use super::build::{oc_build, with_input};
 use super::guard::{Checked, Sized32, Strided, bad, boundary, read};
 use super::status::oc_status;
-use crate::import::Sink;
-use glam::DVec3;
+use crate::import::{Attributes, Sink};
+use glam::{DVec3, Vec3};
 use std::ffi::c_void;
 
 /// Type of coordinates.
@@ -53,11 +53,23 @@ pub struct oc_triangles {
     pub scalar: oc_scalar,
     /// One of the OC_INDEX_ constants: the type of indices.
     pub index: oc_index,
+    /// Array of normals, one for each entry of `positions`: three floats, of any length. They make the surface appear
+    /// smooth. The normal of a triangle replaces one that is zero, NaN or infinite. NULL: normals are made from the
+    /// triangles, see oc_build_desc.crease_angle.
+    pub normals: *const f32,
+    /// Bytes from one normal to the next. 0: tightly packed.
+    pub normal_stride: u64,
+    /// Array of colours, one for each entry of `positions`: three floats, linear RGB, which are interpolated. NULL: none.
+    /// With `colours` it must be NULL.
+    pub position_colours: *const f32,
+    /// Bytes from one of these colours to the next. 0: tightly packed.
+    pub position_colour_stride: u64,
 }
 
 // SAFETY: `repr(C)`, integers and pointers without padding, `struct_size` first.
 unsafe impl Sized32 for oc_triangles {
     const NAME: &'static str = "oc_triangles";
+    const FIRST_SIZE: usize = std::mem::offset_of!(oc_triangles, normals);
 }
 
 enum Positions {
@@ -76,6 +88,8 @@ struct Soup {
     positions: Positions,
     indices: Indices,
     colours: Option<Strided<[f32; 3]>>,
+    position_colours: Option<Strided<[f32; 3]>>,
+    normals: Option<Strided<[f32; 3]>>,
     triangles: usize,
 }
 
@@ -105,8 +119,17 @@ impl Soup {
         } else {
             Some(Strided::new(t.colours.cast(), triangles, t.colour_stride, "oc_triangles.colours")?)
         };
+        let at_positions = |array: *const f32, stride: u64, name: &'static str| {
+            if array.is_null() { Ok(None) } else { Strided::new(array.cast(), count, stride, name).map(Some) }
+        };
+        let normals = at_positions(t.normals, t.normal_stride, "oc_triangles.normals")?;
+        let position_colours =
+            at_positions(t.position_colours, t.position_colour_stride, "oc_triangles.position_colours")?;
+        if colours.is_some() && position_colours.is_some() {
+            return bad("oc_triangles: there are both colours and position_colours");
+        }
         // The number fits `usize`: the corners are in memory.
-        Ok(Self { positions, indices, colours, triangles: triangles as usize })
+        Ok(Self { positions, indices, colours, position_colours, normals, triangles: triangles as usize })
     }
 
     /// Returns the index of a corner.
@@ -189,17 +212,29 @@ pub unsafe extern "C" fn oc_build_add_triangles(build: *mut oc_build, triangles:
         soup.check_indices(desc.position_count)?;
         with_input(build, |input| {
             let (mesh, part) = input.target(desc.mesh, desc.part)?;
-            let (mut corners, mut colours) = (Vec::with_capacity(BATCH), Vec::new());
+            let (mut corners, mut colours, mut normals) = (Vec::with_capacity(BATCH), Vec::new(), Vec::new());
             for first in (0..soup.triangles).step_by(BATCH) {
                 let batch = first..soup.triangles.min(first + BATCH);
                 corners.clear();
                 corners.extend(batch.clone().map(|t| [0, 1, 2].map(|c| soup.position(3 * t + c))));
                 colours.clear();
                 if let Some(given) = &soup.colours {
-                    colours.extend(batch.map(|t| given.get(t)));
+                    colours.extend(batch.clone().map(|t| [given.get(t); 3]));
                 }
-                let colours = soup.colours.is_some().then_some(&colours[..]);
-                input.builder.triangles(mesh, part, &corners, colours)?;
+                let at =
+                    |given: &Strided<[f32; 3]>, t: usize| [0, 1, 2].map(|c| given.get(soup.index(3 * t + c) as usize));
+                if let Some(given) = &soup.position_colours {
+                    colours.extend(batch.clone().map(|t| at(given, t)));
+                }
+                normals.clear();
+                if let Some(given) = &soup.normals {
+                    normals.extend(batch.map(|t| at(given, t).map(Vec3::from)));
+                }
+                let attributes = Attributes {
+                    colours: (!colours.is_empty()).then_some(&colours[..]),
+                    normals: (!normals.is_empty()).then_some(&normals[..]),
+                };
+                input.builder.triangles(mesh, part, &corners, attributes)?;
             }
             Ok(())
         })

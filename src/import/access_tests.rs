@@ -109,16 +109,16 @@ fn libraries_and_textures_outside_of_the_folder_are_skipped_and_noted() {
         fs::write(all.path().join("models/a.mtl"), format!("newmtl m\nmap_Kd {name}\n")).expect("a library");
         let obj = format!("mtllib a.mtl\n{OBJ}");
         let sink = read(&all, "a.obj", &obj, Access::default()).expect(&name);
-        assert!(sink.received == 1 && sink.direct()[0].colour.is_none(), "{name}");
+        assert!(sink.received == 1 && sink.direct()[0].colour().is_none(), "{name}");
         assert!(sink.notes[0].contains("1 textures were left out"), "{name}: {:?}", sink.notes);
         let sink = read(&all, "a.obj", &obj, Access { folders: vec![all.path().into()], ..Default::default() });
-        assert_eq!(sink.expect(&name).direct()[0].colour, Some(RED), "{name}");
+        assert_eq!(sink.expect(&name).direct()[0].colour(), Some(RED), "{name}");
     }
     // A name that leads out is still found by its last part in the folder, as names of other systems are.
     fs::write(all.path().join("models/secret.png"), red_png()).expect("a picture");
     fs::write(all.path().join("models/a.mtl"), "newmtl m\nmap_Kd ..\\..\\Textures\\SECRET.png\n").expect("a library");
     let sink = read(&all, "a.obj", &format!("mtllib a.mtl\n{OBJ}"), Access::default()).expect("a mesh");
-    assert_eq!(sink.direct()[0].colour, Some(RED), "{:?}", sink.notes);
+    assert_eq!(sink.direct()[0].colour(), Some(RED), "{:?}", sink.notes);
 }
 
 /// Names of nothing that may be read, some of which would never end or block: a pipe, devices, folders, links in a
@@ -182,7 +182,7 @@ fn names_of_what_is_no_file_are_refused_at_once() {
             assert!(sink.received == 1 && sink.materials.is_empty() && !sink.notes.is_empty(), "{name}");
             fs::write(all.path().join("models/a.mtl"), format!("newmtl m\nmap_Kd {name}\n")).expect("a library");
             let sink = read(&all, "a.obj", &format!("mtllib a.mtl\n{OBJ}"), access).expect(name);
-            assert!(sink.received == 1 && sink.direct()[0].colour.is_none(), "{name}");
+            assert!(sink.received == 1 && sink.direct()[0].colour().is_none(), "{name}");
             assert!(sink.notes[0].contains("1 textures were left out"), "{name}: {:?}", sink.notes);
         }
     }
@@ -323,7 +323,7 @@ fn a_host_resolves_libraries_and_textures() {
         _ => Ok(Resolved::Refused),
     });
     let sink = read(&all, "a.obj", &format!("mtllib wall of red.mtl\n{OBJ}"), access.clone()).expect("a mesh");
-    assert_eq!((sink.direct()[0].colour, sink.notes.len()), (Some(RED), 0), "{:?}", sink.notes);
+    assert_eq!((sink.direct()[0].colour(), sink.notes.len()), (Some(RED), 0), "{:?}", sink.notes);
     let names: Vec<String> = asked.1.lock().expect("questions").iter().map(|q| q.0.clone()).collect();
     assert_eq!(names, ["wall of red.mtl", "my wall.png"]);
     assert_eq!(asked.1.lock().expect("questions")[1].1, Path::new("wall of red.mtl"));

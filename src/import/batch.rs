@@ -1,8 +1,23 @@
 //! Batches of triangles on their way to the sink, a few thousand each.
 
-use super::{MaterialDesc, MeshKey, Sink};
+use super::{Attributes, MaterialDesc, MeshKey, Sink};
 use crate::base::error::Result;
-use glam::DVec3;
+use glam::{DVec3, Vec3};
+
+/// Values at the corners of a triangle.
+#[derive(Clone, Copy, Default)]
+pub(crate) struct Corners {
+    /// Linear colours.
+    pub(crate) colours: Option<[[f32; 3]; 3]>,
+    pub(crate) normals: Option<[Vec3; 3]>,
+}
+
+impl Corners {
+    /// One colour for the whole triangle, or none.
+    pub(crate) fn plain(colour: Option<[f32; 3]>) -> Self {
+        Self { colours: colour.map(|c| [c; 3]), normals: None }
+    }
+}
 
 /// Number of triangles in a batch. Its positions (300 KB) stay in the cache.
 pub(crate) const BATCH: usize = 4096;
@@ -16,7 +31,8 @@ pub(crate) struct Batch {
     part: u32,
     material_colour: [f32; 3],
     positions: Vec<[DVec3; 3]>,
-    colours: Vec<[f32; 3]>,
+    colours: Vec<[[f32; 3]; 3]>,
+    normals: Vec<[Vec3; 3]>,
 }
 
 impl Batch {
@@ -28,6 +44,7 @@ impl Batch {
             material_colour: MaterialDesc::default().colour,
             positions: Vec::with_capacity(BATCH),
             colours: Vec::new(),
+            normals: Vec::new(),
         }
     }
 
@@ -48,15 +65,25 @@ impl Batch {
 
     /// Adds a triangle. Returns `true` if the batch is full and the caller must call [`Batch::flush`].
     #[inline]
-    pub(crate) fn push(&mut self, triangle: [DVec3; 3], colour: Option<[f32; 3]>) -> bool {
-        if let Some(colour) = colour {
-            self.colours.resize(self.positions.len(), self.material_colour);
-            self.colours.push(colour);
+    pub(crate) fn push(&mut self, triangle: [DVec3; 3], at: Corners) -> bool {
+        let material = [self.material_colour; 3];
+        if let Some(colours) = at.colours {
+            self.colours.resize(self.positions.len(), material);
+            self.colours.push(colours);
         } else if !self.colours.is_empty() {
-            self.colours.push(self.material_colour);
+            self.colours.push(material);
         }
         self.positions.push(triangle);
+        if let Some(normals) = at.normals {
+            self.normals.push(normals);
+        }
         self.is_full()
+    }
+
+    /// Announces triangles with normals, or without.
+    #[inline]
+    pub(crate) fn with_normals(&mut self, is_with: bool, sink: &mut dyn Sink) -> Result<()> {
+        if is_with == self.normals.is_empty() { self.flush(sink) } else { Ok(()) }
     }
 
     #[inline]
@@ -69,9 +96,11 @@ impl Batch {
         sink.cancel().check()?;
         if !self.positions.is_empty() {
             let colours = (!self.colours.is_empty()).then_some(&self.colours[..]);
-            sink.triangles(self.mesh, self.part, &self.positions, colours)?;
+            let normals = (!self.normals.is_empty()).then_some(&self.normals[..]);
+            sink.triangles(self.mesh, self.part, &self.positions, Attributes { colours, normals })?;
             self.positions.clear();
             self.colours.clear();
+            self.normals.clear();
         }
         Ok(())
     }

@@ -2,7 +2,7 @@
 
 use super::collect::Collector;
 use super::testing::temporary;
-use super::{MaterialDesc, MaterialKey, MeshKey, PartDesc, PartKey, ReadOptions, Sink, UpAxis, read_file};
+use super::{Attributes, MaterialDesc, MaterialKey, MeshKey, PartDesc, PartKey, ReadOptions, Sink, UpAxis, read_file};
 use crate::base::error::{Error, Result};
 use crate::base::progress::Cancel;
 use glam::{DAffine3, DVec3};
@@ -40,9 +40,9 @@ impl Sink for Meddled<'_> {
     fn shared_mesh(&mut self, parts: u32) -> Result<MeshKey> {
         self.inner.shared_mesh(parts)
     }
-    fn triangles(&mut self, m: MeshKey, part: u32, p: &[[DVec3; 3]], colours: Option<&[[f32; 3]]>) -> Result<()> {
+    fn triangles(&mut self, m: MeshKey, part: u32, p: &[[DVec3; 3]], attributes: Attributes<'_>) -> Result<()> {
         self.act();
-        self.inner.triangles(m, part, p, colours)
+        self.inner.triangles(m, part, p, attributes)
     }
     fn instance(&mut self, mesh: MeshKey, at: DAffine3, first: PartKey) -> Result<()> {
         self.inner.instance(mesh, at, first)

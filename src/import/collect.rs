@@ -1,10 +1,10 @@
 //! A sink that keeps everything in memory, for tests and small tools.
 
-use super::{MaterialDesc, MaterialKey, MeshKey, PartDesc, PartKey, Sink, UpAxis};
+use super::{Attributes, MaterialDesc, MaterialKey, MeshKey, PartDesc, PartKey, Sink, UpAxis};
 use crate::base::error::{Error, Result};
 use crate::base::progress::Cancel;
 use crate::math::DBounds;
-use glam::{DAffine3, DVec3};
+use glam::{DAffine3, DVec3, Vec3};
 
 /// A triangle of a [`CollectedMesh`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -15,8 +15,18 @@ pub struct CollectedTriangle {
     pub part: u32,
     /// Corners in world coordinates, or in the coordinates of the shared mesh.
     pub positions: [DVec3; 3],
-    /// Linear RGB, if the triangle has a colour of its own.
-    pub colour: Option<[f32; 3]>,
+    /// Linear RGB at the corners, if the triangle has colours of its own.
+    pub colours: Option<[[f32; 3]; 3]>,
+    /// Normals at the corners, if the input has them; in the coordinates of the mesh.
+    pub normals: Option<[Vec3; 3]>,
+}
+
+impl CollectedTriangle {
+    /// Returns the mean of the colours at the corners.
+    pub fn colour(&self) -> Option<[f32; 3]> {
+        let [a, b, c] = self.colours?;
+        Some(if a == b && a == c { a } else { std::array::from_fn(|i| (a[i] + b[i] + c[i]) / 3.0) })
+    }
 }
 
 /// A mesh of a [`Collector`].
@@ -155,7 +165,7 @@ impl Sink for Collector {
         mesh: MeshKey,
         part: u32,
         positions: &[[DVec3; 3]],
-        colours: Option<&[[f32; 3]]>,
+        attributes: Attributes<'_>,
     ) -> Result<()> {
         let parts = self.part_count();
         let Some(target) = self.meshes.get_mut(mesh.0 as usize) else {
@@ -164,12 +174,10 @@ impl Sink for Collector {
         if part >= if mesh == MeshKey::DIRECT { parts } else { target.local_parts } {
             return Err(Error::bad_argument("no such part"));
         }
-        if colours.is_some_and(|c| c.len() != positions.len()) {
-            return Err(Error::bad_argument("the number of colours differs from the number of triangles"));
-        }
+        attributes.check(positions.len())?;
         for (i, &positions) in positions.iter().enumerate() {
-            let colour = colours.map(|c| c[i]);
-            target.triangles.push(CollectedTriangle { prim: self.received, part, positions, colour });
+            let (colours, normals) = (attributes.colours.map(|c| c[i]), attributes.normals.map(|n| n[i]));
+            target.triangles.push(CollectedTriangle { prim: self.received, part, positions, colours, normals });
             self.received += 1;
         }
         Ok(())

@@ -17,12 +17,6 @@ pub(crate) fn linear_bytes(coded: [u8; 3]) -> [f32; 3] {
     coded.map(|c| table[usize::from(c)])
 }
 
-/// Returns the mean of the linear vertex colours of a triangle.
-#[inline]
-pub(crate) fn mean3(a: [f32; 3], b: [f32; 3], c: [f32; 3]) -> [f32; 3] {
-    std::array::from_fn(|i| (a[i] + b[i] + c[i]) / 3.0)
-}
-
 /// Clamps `x` to [0, 1]; NaN becomes `or`.
 pub(crate) fn unit(x: f32, or: f32) -> f32 {
     if x.is_nan() { or } else { x.clamp(0.0, 1.0) }

@@ -1,6 +1,6 @@
 //! Several files as one input, with progress over all of them.
 
-use super::{MaterialDesc, MaterialKey, MeshKey, PartDesc, PartKey, ReadOptions, Sink, UpAxis, read_file};
+use super::{Attributes, MaterialDesc, MaterialKey, MeshKey, PartDesc, PartKey, ReadOptions, Sink, UpAxis, read_file};
 use crate::base::error::Result;
 use crate::base::progress::Cancel;
 use glam::{DAffine3, DVec3};
@@ -49,9 +49,9 @@ impl Sink for OneOfSeveral<'_> {
         mesh: MeshKey,
         part: u32,
         positions: &[[DVec3; 3]],
-        colours: Option<&[[f32; 3]]>,
+        attributes: Attributes<'_>,
     ) -> Result<()> {
-        self.sink.triangles(mesh, part, positions, colours)
+        self.sink.triangles(mesh, part, positions, attributes)
     }
     fn instance(&mut self, mesh: MeshKey, world_from_mesh: DAffine3, first_part: PartKey) -> Result<()> {
         self.sink.instance(mesh, world_from_mesh, first_part)

@@ -17,6 +17,7 @@ pub mod generate;
 mod gltf;
 mod ignored;
 mod input;
+mod normals;
 mod obj;
 mod picture;
 mod pictures;
@@ -39,7 +40,7 @@ pub use crate::base::units::UpAxis;
 use access::Files;
 pub use access::{Access, Resolved, Resolver};
 pub use files::read_files;
-use glam::{DAffine3, DVec3};
+use glam::{DAffine3, DVec3, Vec3};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -89,6 +90,44 @@ pub struct PartDesc {
     pub material: Option<MaterialKey>,
 }
 
+/// Values at the corners of triangles, in the order of the corners: one entry for each triangle.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Attributes<'a> {
+    /// Linear RGB. Colours between corners are interpolated. `None`: the colour of the part's material.
+    pub colours: Option<&'a [[[f32; 3]; 3]]>,
+    /// Normals of the surface that the triangles stand for, in the coordinates of the positions, of any length. The
+    /// normal of the triangle replaces one that is zero or not finite. `None`: they are made from the triangles, see
+    /// [`crate::build::BuildOptions::crease_angle`].
+    pub normals: Option<&'a [[Vec3; 3]]>,
+}
+
+impl<'a> Attributes<'a> {
+    /// No values.
+    pub const NONE: Self = Self { colours: None, normals: None };
+
+    /// Colours, and no other values.
+    pub fn colours(colours: &'a [[[f32; 3]; 3]]) -> Self {
+        Self { colours: Some(colours), ..Self::NONE }
+    }
+
+    /// Fails unless there is an entry for each of `count` triangles.
+    pub fn check(&self, count: usize) -> Result<()> {
+        let is_wrong = |len: Option<usize>| len.is_some_and(|len| len != count);
+        let differs = |what: &str| {
+            Err(Error::BadArgument(format!("triangles: the number of {what} differs from the number of triangles")))
+        };
+        if is_wrong(self.colours.map(<[_]>::len)) {
+            return differs("colours");
+        }
+        if is_wrong(self.normals.map(<[_]>::len)) { differs("normals") } else { Ok(()) }
+    }
+
+    /// The values of some of the triangles.
+    pub fn part(&self, of: std::ops::Range<usize>) -> Self {
+        Self { colours: self.colours.map(|c| &c[of.clone()]), normals: self.normals.map(|n| &n[of]) }
+    }
+}
+
 /// Receives a stream of meshes.
 ///
 /// Materials and parts come before the triangles that use them. The primitive id of a triangle is its index in the
@@ -105,14 +144,12 @@ pub trait Sink {
     /// to `local_parts` consecutive real parts.
     fn shared_mesh(&mut self, local_parts: u32) -> Result<MeshKey>;
     /// Adds triangles of one part. In [`MeshKey::DIRECT`] `part` is a [`PartKey`], in a shared mesh it is a local part.
-    /// `colours` has one linear RGB value for each triangle (the mean of its vertex colours or of its texture); `None`
-    /// uses the part's material.
     fn triangles(
         &mut self,
         mesh: MeshKey,
         part: u32,
         positions: &[[DVec3; 3]],
-        colours: Option<&[[f32; 3]]>,
+        attributes: Attributes<'_>,
     ) -> Result<()>;
     /// Places a shared mesh: its local part `i` becomes the part `first_part + i`. `world_from_mesh` must be finite and
     /// invertible.

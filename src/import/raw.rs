@@ -15,7 +15,7 @@
 //! part are read faster. Without flag 2 the whole file is one part with the file's name. Triangles keep their order:
 //! the primitive id of a triangle is its index in the file.
 
-use super::batch::Batch;
+use super::batch::{Batch, Corners};
 use super::input::Input;
 use super::{MaterialDesc, MeshKey, PartDesc, PartKey, Sink, stem};
 use crate::base::error::{Error, Place, Result};
@@ -139,7 +139,7 @@ pub(crate) fn read(input: &mut Input, sink: &mut dyn Sink) -> Result<()> {
                 batch.aim(MeshKey::DIRECT, part, MaterialDesc::default().colour, sink)?;
             }
             n += 1;
-            if batch.push(corners(record, layout.double), None) {
+            if batch.push(corners(record, layout.double), Corners::default()) {
                 break;
             }
         }

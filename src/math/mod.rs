@@ -1,8 +1,9 @@
 //! Plain geometry on glam's types: bounds, rays and their cones, the widths of groups of rays, and the coding of
-//! colours. Uses nothing.
+//! colours and directions. Uses nothing.
 #![forbid(unsafe_code)]
 
 pub mod bounds;
+pub mod octahedral;
 pub mod ray;
 pub mod srgb;
 pub mod view;

@@ -307,7 +307,7 @@ fn finish_group(
     for i in bits(rest.lacking) {
         match task.policy {
             Policy::Exact => {
-                let asks = Asks::of(lacking(view, found[i].placed, &found[i].tri));
+                let asks = Asks::of(lacking(view, found[i].placed, &found[i].tri, task.want));
                 waiting.push(Waiting { ray: i, left: Left::Hit, asks });
             }
             Policy::Now => hits[i].kind = HitKind::Missing,

@@ -50,8 +50,9 @@ pub struct Hit {
     pub error: f32,
     /// The kind of the hit.
     pub kind: HitKind,
-    /// 0. It fills the struct, so that no byte of it is uninitialised padding.
-    pub reserved: u32,
+    /// Unit normal in world space that the surface is shaded with, on the side of `normal`: interpolated between the
+    /// corners of the triangle. That of the triangle itself where the model has no others, and that of a stand-in.
+    pub shading_normal: Vec3,
 }
 
 impl Hit {
@@ -67,7 +68,7 @@ impl Hit {
         kind: HitKind::Miss,
         error: 0.0,
         t_free: f64::INFINITY,
-        reserved: 0,
+        shading_normal: Vec3::ZERO,
     };
 }
 
@@ -101,12 +102,16 @@ impl Want {
     /// `error` and `t_free`, and a `t` that is accurate to within the stated error: the hit is recomputed in double
     /// precision. Without it `t` has single precision.
     pub const ERROR: Self = Self(64);
-    /// Everything.
+    /// `shading_normal`. May have to read blocks that nothing else needs.
+    pub const SHADING_NORMAL: Self = Self(128);
+    /// All fields but the shading normal.
     pub const ALL: Self = Self(127);
+    /// Fields that need the normals of triangles.
+    pub(crate) const NORMALS: Self = Self(Self::NORMAL.0 | Self::SHADING_NORMAL.0);
     /// Fields that need the intersection in double precision.
     pub(crate) const MEETING: Self = Self(Self::POSITION.0 | Self::ERROR.0);
     /// Fields that need the data of the triangle.
-    pub(crate) const SURFACE: Self = Self(Self::POSITION.0 | Self::NORMAL.0 | Self::PART.0 | Self::ERROR.0);
+    pub(crate) const SURFACE: Self = Self(Self::POSITION.0 | Self::NORMALS.0 | Self::PART.0 | Self::ERROR.0);
 
     /// True if the set contains all of `other`.
     #[inline]

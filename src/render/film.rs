@@ -33,11 +33,13 @@ pub enum Buffer {
     /// 1 float: [`crate::query::Hit::error`], world units; infinity for a triangle or a miss behind transmitting
     /// stand-ins, because an original surface may lie before it.
     Error = 8,
+    /// 3 floats: [`crate::query::Hit::shading_normal`]; 0 for a miss.
+    ShadingNormal = 9,
 }
 
 impl Buffer {
     /// All buffers, in the order of their numbers.
-    pub const ALL: [Buffer; 9] = [
+    pub const ALL: [Buffer; 10] = [
         Buffer::ColourSrgb8,
         Buffer::ColourLinear,
         Buffer::Depth,
@@ -47,6 +49,7 @@ impl Buffer {
         Buffer::Instance,
         Buffer::Kind,
         Buffer::Error,
+        Buffer::ShadingNormal,
     ];
 
     /// Bytes of one pixel.
@@ -54,7 +57,7 @@ impl Buffer {
         match self {
             Buffer::ColourSrgb8 | Buffer::Depth | Buffer::Error => 4,
             Buffer::ColourLinear => 16,
-            Buffer::Normal => 12,
+            Buffer::Normal | Buffer::ShadingNormal => 12,
             Buffer::Part | Buffer::Primitive | Buffer::Instance => 8,
             Buffer::Kind => 1,
         }
@@ -69,7 +72,7 @@ impl Outputs {
     /// Only the sRGB colour.
     pub const COLOUR: Self = Self(1 << Buffer::ColourSrgb8 as u32);
     /// Every buffer.
-    pub const ALL: Self = Self((1 << 9) - 1);
+    pub const ALL: Self = Self((1 << 10) - 1);
 
     /// Returns the set of one buffer.
     pub const fn of(buffer: Buffer) -> Self {
@@ -292,7 +295,7 @@ impl Mapped {
     }
     /// Returns the floats of a float buffer; `None` for other buffers.
     pub fn floats(&self) -> Option<&[f32]> {
-        let floats = [Buffer::ColourLinear, Buffer::Depth, Buffer::Normal, Buffer::Error];
+        let floats = [Buffer::ColourLinear, Buffer::Depth, Buffer::Normal, Buffer::Error, Buffer::ShadingNormal];
         floats.contains(&self.buffer).then(|| bytemuck::cast_slice(self.bytes()))
     }
     /// Returns the ids of an id buffer; `None` for other buffers.

@@ -497,7 +497,7 @@ impl Work for Request {
             ids: any(&[Buffer::Part, Buffer::Instance]),
             prims: any(&[Buffer::Primitive]),
             precise: any(&[Buffer::Depth, Buffer::Error]),
-            normals: any(&[Buffer::Normal]),
+            normals: any(&[Buffer::Normal, Buffer::ShadingNormal]),
         };
         let integrator = Integrator::Direct(Direct {
             view,

@@ -31,6 +31,7 @@ pub(super) struct TilePixels {
     instance: Box<[u64; PIXELS]>,
     kind: Box<[u8; PIXELS]>,
     error: Box<[f32; PIXELS]>,
+    shading_normal: Box<[[f32; 3]; PIXELS]>,
     quality: Quality,
 }
 
@@ -61,6 +62,7 @@ impl TilePixels {
             instance: Box::new([0; PIXELS]),
             kind: Box::new([0; PIXELS]),
             error: Box::new([0.0; PIXELS]),
+            shading_normal: Box::new([[0.0; 3]; PIXELS]),
             quality: Quality::new(),
         }
     }
@@ -87,6 +89,7 @@ impl TilePixels {
             Buffer::Instance => bytemuck::cast_slice(&self.instance[..]),
             Buffer::Kind => &self.kind[..],
             Buffer::Error => bytemuck::cast_slice(&self.error[..]),
+            Buffer::ShadingNormal => bytemuck::cast_slice(&self.shading_normal[..]),
         };
         let size = buffer.pixel_bytes();
         let at = (row * TILE) as usize * size;
@@ -169,6 +172,7 @@ impl TilePixels {
                     Buffer::ColourSrgb8 | Buffer::ColourLinear => break,
                     Buffer::Depth => self.depth[to].copy_from_slice(&first.depth[from]),
                     Buffer::Normal => self.normal[to].copy_from_slice(&first.normal[from]),
+                    Buffer::ShadingNormal => self.shading_normal[to].copy_from_slice(&first.shading_normal[from]),
                     Buffer::Part => self.part[to].copy_from_slice(&first.part[from]),
                     Buffer::Primitive => self.prim[to].copy_from_slice(&first.prim[from]),
                     Buffer::Instance => self.instance[to].copy_from_slice(&first.instance[from]),

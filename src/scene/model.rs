@@ -109,6 +109,8 @@ pub struct ModelInfo {
     pub up: UpAxis,
     /// True if single triangles have colours.
     pub has_colours: bool,
+    /// True if triangles may have normals at their corners that differ from their own.
+    pub has_normals: bool,
     /// Bytes of the file.
     pub file_bytes: u64,
 }
@@ -461,6 +463,7 @@ fn info_of(file: &ModelFile, header: &Header) -> ModelInfo {
             _ => UpAxis::Unknown,
         },
         has_colours: header.has_colours,
+        has_normals: header.has_normals,
         file_bytes: file.file_len(),
     }
 }

@@ -10,7 +10,7 @@ pub const MAGIC: [u8; 8] = *b"\x8fOCR\r\n\x1a\n";
 /// The first eight bytes of the footer.
 pub const FOOTER_MAGIC: [u8; 8] = *b"\n\x1a\n\rRCO\x8f";
 /// The format version, major and minor, that the library writes, and the newest that it reads.
-pub const VERSION: (u16, u16) = (0, 9);
+pub const VERSION: (u16, u16) = (0, 10);
 /// Number of bytes of the header.
 pub const HEADER_LEN: usize = 256;
 /// Number of bytes of the footer.
@@ -26,6 +26,7 @@ pub const DEFAULT_BLOCK_SIZE: u32 = 64 << 10;
 const CHECKSUM_AT: usize = HEADER_LEN - 8;
 const RESERVED_AT: usize = 180;
 const FLAG_COLOURS: u32 = 1;
+const FLAG_NORMALS: u32 = 4;
 const FLAG_SPLITS: u32 = 2;
 
 /// Numbers of input triangles that are in no tree, by reason.
@@ -77,6 +78,8 @@ pub struct Header {
     pub geometry_blocks: u32,
     /// True if as many blocks of colours follow the blocks of primitive ids.
     pub has_colours: bool,
+    /// True if as many blocks of normals follow these.
+    pub has_normals: bool,
     /// Options of the build.
     pub options: Options,
 }
@@ -94,16 +97,28 @@ impl Default for Header {
             drops: Drops::default(),
             geometry_blocks: 0,
             has_colours: false,
+            has_normals: false,
             options: Options::default(),
         }
     }
 }
 
 impl Header {
-    /// Number of rows of the directory: geometry blocks, blocks of primitive ids and, if there are any, blocks of
-    /// colours.
+    /// Number of rows of the directory: geometry blocks, blocks of primitive ids and, if there are any, of colours and
+    /// of normals.
     pub fn block_count(&self) -> u64 {
-        u64::from(self.geometry_blocks) * if self.has_colours { 3 } else { 2 }
+        let kinds = 2 + u64::from(self.has_colours) + u64::from(self.has_normals);
+        u64::from(self.geometry_blocks) * kinds
+    }
+
+    /// Difference between the id of a block of colours and that of its geometry block.
+    pub fn colours_at(&self) -> Option<u32> {
+        self.has_colours.then_some(2 * self.geometry_blocks)
+    }
+
+    /// Difference between the id of a block of normals and that of its geometry block.
+    pub fn normals_at(&self) -> Option<u32> {
+        self.has_normals.then_some((2 + u32::from(self.has_colours)) * self.geometry_blocks)
     }
 
     /// Checks the documented range of every field.
@@ -165,7 +180,8 @@ pub(super) fn encode(header: &Header, frame: &Frame) -> Vec<u8> {
     out.put_u32(header.block_size);
     let colours = if header.has_colours { FLAG_COLOURS } else { 0 };
     let splits = if header.options.spatial_splits { FLAG_SPLITS } else { 0 };
-    out.put_u32(colours | splits);
+    let normals = if header.has_normals { FLAG_NORMALS } else { 0 };
+    out.put_u32(colours | splits | normals);
     out.put_u32(header.up);
     out.put_f64(header.metres_per_unit);
     out.put_f64s(&header.bounds);
@@ -215,7 +231,7 @@ fn decode_fields(r: &mut ByteReader) -> Result<Header, Malformed> {
     let structure = r.u32()?;
     let block_size = r.u32()?;
     let flags = r.u32()?;
-    ensure(flags & !(FLAG_COLOURS | FLAG_SPLITS) == 0, "unknown flags")?;
+    ensure(flags & !(FLAG_COLOURS | FLAG_SPLITS | FLAG_NORMALS) == 0, "unknown flags")?;
     let up = r.u32()?;
     let metres_per_unit = r.f64()?;
     let bounds = r.f64s()?;
@@ -239,6 +255,7 @@ fn decode_fields(r: &mut ByteReader) -> Result<Header, Malformed> {
         drops,
         geometry_blocks,
         has_colours: flags & FLAG_COLOURS != 0,
+        has_normals: flags & FLAG_NORMALS != 0,
         options,
     })
 }
@@ -285,10 +302,11 @@ mod tests {
             drops: Drops { non_finite: 1, degenerate: 2, out_of_range: 3 },
             geometry_blocks: 2,
             has_colours: true,
+            has_normals: true,
             options: Options { spatial_splits: true, leaf_triangles: 8, memory_budget: 1 << 30, sample_bytes: 8 },
             ..Header::default()
         };
-        (header, Frame { file_len: 1000, table_at: 500, table_checksum: 77, sections: 5, blocks: 6 })
+        (header, Frame { file_len: 1000, table_at: 500, table_checksum: 77, sections: 5, blocks: 8 })
     }
 
     #[test]

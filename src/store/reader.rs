@@ -125,7 +125,11 @@ impl ModelFile {
     }
     /// Id of the block with the colours of geometry block `id`, if the model has colours.
     pub fn colour_block(&self, id: BlockId) -> Option<BlockId> {
-        self.header.has_colours.then(|| BlockId(2 * self.header.geometry_blocks + id.0))
+        self.header.colours_at().map(|at| BlockId(at + id.0))
+    }
+    /// Id of the block with the normals of geometry block `id`, if the model has normals.
+    pub fn normal_block(&self, id: BlockId) -> Option<BlockId> {
+        self.header.normals_at().map(|at| BlockId(at + id.0))
     }
 
     /// Greatest number of bytes that [`ModelFile::part_sets`] takes while it reads. [`PartSets::memory`] of them stay.

@@ -19,8 +19,11 @@ pub struct TreeInput<'a> {
     pub parts: &'a [u32],
     /// Primitive id of each triangle; ascending.
     pub prims: &'a [u32],
-    /// sRGB colour of each triangle, or empty. A triangle with alpha 0 has the colour of its part.
-    pub colours: &'a [[u8; 4]],
+    /// sRGB colours of each triangle's corners, or empty. A triangle with alpha 0 has the colour of its part.
+    pub colours: &'a [[[u8; 4]; 3]],
+    /// Codes of the normals of each triangle's corners (`math::octahedral`), or empty. Codes below 2: the triangle's
+    /// own.
+    pub normals: &'a [[u32; 3]],
     /// Linear colour of each local part. Parts beyond the end are grey.
     pub part_colours: &'a [Vec3],
 }
@@ -29,8 +32,10 @@ impl TreeInput<'_> {
     /// Returns the linear colour of a triangle, and true if the colour is the triangle's own and not its part's.
     pub(super) fn colour(&self, triangle: usize) -> (Vec3, bool) {
         match self.colours.get(triangle) {
-            Some([r, g, b, a]) if *a > 0 => {
-                (Vec3::from([*r, *g, *b].map(|c| srgb::decode(f32::from(c) / 255.0))), true)
+            Some(corners) if corners[0][3] > 0 => {
+                let linear = |[r, g, b, _]: [u8; 4]| Vec3::from([r, g, b].map(|c| srgb::decode(f32::from(c) / 255.0)));
+                let [a, b, c] = corners.map(linear);
+                (if corners[0] == corners[1] && corners[0] == corners[2] { a } else { (a + b + c) / 3.0 }, true)
             }
             _ => (self.part_colours.get(self.parts[triangle] as usize).copied().unwrap_or(GREY), false),
         }
@@ -84,8 +89,10 @@ pub struct BakedBlock {
     pub trace_bytes: u32,
     /// Primitive id of each triangle of the block.
     pub prims: Vec<u32>,
-    /// Colour of each triangle of the block; empty if the input has no colours.
-    pub colours: Vec<[u8; 4]>,
+    /// Colours of the corners of each triangle of the block; empty if the input has no colours.
+    pub colours: Vec<[[u8; 4]; 3]>,
+    /// Trace form of the block's normals; empty if each is that of its triangle.
+    pub normals: Vec<u32>,
     /// Local parts of the triangles in the block and in the other blocks of its plan, ascending. Empty if unknown.
     pub parts: Vec<u32>,
     /// Blocks of other plans that the block refers to, counted from the first block of the tree.

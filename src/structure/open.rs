@@ -54,9 +54,9 @@ pub fn open(file: &ModelFile) -> Result<Opened> {
     let structure = structure_of(file)?;
     let header = file.header();
     let decoder: Box<dyn Decoder> = match structure {
-        Structure::Bvh => Box::new(bvh::BvhDecoder::new(header.geometry_blocks, file.trees())),
+        Structure::Bvh => Box::new(bvh::BvhDecoder::new(header, file.trees())),
         #[cfg(any(test, feature = "brute"))]
-        Structure::Brute => Box::new(brute::BruteDecoder::new(header.geometry_blocks, file.trees())),
+        Structure::Brute => Box::new(brute::BruteDecoder::new(header, file.trees())),
     };
     let start = |row: &TreeRow| {
         let start = match structure {

@@ -25,7 +25,7 @@ use crate::lod::OrientedSlabs;
 use crate::math::Bounds;
 use crate::residency::Snapshot;
 use crate::simd::Isa;
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use std::sync::atomic::AtomicBool;
 
 pub use bvh::trace::Bundle;
@@ -204,15 +204,26 @@ impl<'a> Tree<'a> {
         of_each!(self, own => own.prim(hit)).map(|prim| (prim != u32::MAX).then_some(prim))
     }
 
-    /// Returns the sRGB colour of a hit's triangle, or the block that is needed for it; `None` if the model has no
-    /// colours.
-    pub fn colour(&self, hit: &TriHit) -> Result<Option<[u8; 4]>, BlockId> {
-        of_each!(self, own => own.colour(hit))
+    /// Returns the sRGB colours of the corners of a hit's triangle, or the block that is needed for them; `None` if the
+    /// model has no colours.
+    pub fn colours(&self, hit: &TriHit) -> Result<Option<[[u8; 4]; 3]>, BlockId> {
+        of_each!(self, own => own.colours(hit))
     }
 
     /// True if single triangles have colours.
     pub fn has_colours(&self) -> bool {
         of_each!(self, own => own.colours_at.is_some())
+    }
+
+    /// Returns the unit normals at the corners of a hit's triangle, in the tree's frame, on the side from which the
+    /// corners appear counter-clockwise, or the block that is needed for them; `None` if they are the triangle's own.
+    pub fn normals(&self, hit: &TriHit) -> Result<Option<[Vec3; 3]>, BlockId> {
+        of_each!(self, own => own.normals(hit))
+    }
+
+    /// True if triangles may have normals other than their own.
+    pub fn has_normals(&self) -> bool {
+        of_each!(self, own => own.normals_at.is_some())
     }
 
     /// Returns the parts in the cell of a hit; `None` if its block has left the snapshot.

@@ -4,7 +4,7 @@ use super::brute::Tri;
 use glam::DAffine3;
 use outcrop::base::progress::{Cancel, Progress};
 use outcrop::build::{BuildOptions, BuildReport, Builder, Structure};
-use outcrop::import::{MaterialDesc, MeshKey, PartDesc, Sink};
+use outcrop::import::{Attributes, MaterialDesc, MeshKey, PartDesc, Sink};
 use outcrop::scene::{Context, ContextOptions, Model, Scene};
 use std::cell::Cell;
 use std::path::PathBuf;
@@ -129,7 +129,7 @@ pub fn push(builder: &mut Builder, part: &Part) {
     let desc =
         PartDesc { id: Some(part.id), name: format!("part {}", part.id), parent: None, material: Some(material) };
     let key = builder.part(desc).expect("a part");
-    builder.triangles(MeshKey::DIRECT, key, &part.tris, None).expect("triangles");
+    builder.triangles(MeshKey::DIRECT, key, &part.tris, Attributes::NONE).expect("triangles");
 }
 
 pub fn parts(parts: &[Part]) -> Built {

@@ -6,7 +6,7 @@ use outcrop::base::progress::{Cancel, Progress};
 use outcrop::base::units::UpAxis;
 use outcrop::build::{BuildOptions, BuildReport, Builder};
 use outcrop::import::generate::{GenerateOptions, generate};
-use outcrop::import::{MaterialDesc, MaterialKey, MeshKey, PartDesc, PartKey, Sink};
+use outcrop::import::{Attributes, MaterialDesc, MaterialKey, MeshKey, PartDesc, PartKey, Sink};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -23,9 +23,9 @@ pub trait Change {
         to: &mut Builder,
         (mesh, part): (MeshKey, u32),
         positions: &[[DVec3; 3]],
-        colours: Option<&[[f32; 3]]>,
+        attributes: Attributes<'_>,
     ) -> Result<()> {
-        to.triangles(mesh, part, positions, colours)
+        to.triangles(mesh, part, positions, attributes)
     }
 }
 
@@ -52,9 +52,9 @@ impl<C: Change> Sink for Changed<'_, C> {
         mesh: MeshKey,
         part: u32,
         positions: &[[DVec3; 3]],
-        colours: Option<&[[f32; 3]]>,
+        attributes: Attributes<'_>,
     ) -> Result<()> {
-        self.by.triangles(self.to, (mesh, part), positions, colours)
+        self.by.triangles(self.to, (mesh, part), positions, attributes)
     }
     fn instance(&mut self, mesh: MeshKey, world_from_mesh: DAffine3, first_part: PartKey) -> Result<()> {
         self.to.instance(mesh, world_from_mesh, first_part)

@@ -45,7 +45,14 @@ impl TestTree {
         // Runs of three parts in turn.
         let parts: Vec<u32> = (0..tris.len() as u32).map(|i| i / 50 % 3).collect();
         let prims: Vec<u32> = (0..tris.len() as u32).collect();
-        let input = TreeInput { triangles: &local, parts: &parts, prims: &prims, colours: &[], part_colours: &[] };
+        let input = TreeInput {
+            triangles: &local,
+            parts: &parts,
+            prims: &prims,
+            colours: &[],
+            normals: &[],
+            part_colours: &[],
+        };
         let par = Par { threads: 1 };
         let options = TreeOptions { split_budget, mesh_half_area: 0.0 };
         let (progress, cancel) = (Progress::default(), Cancel::new());
@@ -91,6 +98,7 @@ impl TestTree {
             leaves_at: self.leaves_at,
             prims_at: self.geometry,
             colours_at: None,
+            normals_at: None,
             isa,
             accept_missing: false,
             opaque_cells: false,

@@ -6,7 +6,7 @@ use glam::DVec3;
 use outcrop::Result;
 use outcrop::build::{BuildOptions, Builder};
 use outcrop::import::generate::GenerateOptions;
-use outcrop::import::{MeshKey, PartDesc, PartKey, Sink};
+use outcrop::import::{Attributes, MeshKey, PartDesc, PartKey, Sink};
 use std::path::{Path, PathBuf};
 
 /// Triangles of a part that is divided.
@@ -36,14 +36,14 @@ impl Change for Divided {
         to: &mut Builder,
         (mesh, part): (MeshKey, u32),
         positions: &[[DVec3; 3]],
-        colours: Option<&[[f32; 3]]>,
+        attributes: Attributes<'_>,
     ) -> Result<()> {
         if self.into == 1 {
-            return to.triangles(mesh, self.parts[part as usize].0, positions, colours);
+            return to.triangles(mesh, self.parts[part as usize].0, positions, attributes);
         }
         for piece in positions.chunks(RUN) {
             let (first, turn) = &mut self.parts[part as usize];
-            to.triangles(mesh, *first + *turn % self.into, piece, None)?;
+            to.triangles(mesh, *first + *turn % self.into, piece, Attributes::NONE)?;
             *turn += 1;
         }
         Ok(())

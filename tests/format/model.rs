@@ -3,7 +3,7 @@
 use glam::{DAffine3, DQuat, DVec3};
 use outcrop::base::progress::{Cancel, Progress};
 use outcrop::build::{BuildOptions, Builder};
-use outcrop::import::{MaterialDesc, MeshKey, PartDesc, Sink, UpAxis};
+use outcrop::import::{Attributes, MaterialDesc, MeshKey, PartDesc, Sink, UpAxis};
 use outcrop::store::contents::{KINDS, Kind};
 use outcrop::store::header::ALIGN;
 use outcrop::store::{MemorySource, ModelFile};
@@ -67,17 +67,17 @@ fn build() -> Vec<u8> {
     for (id, material) in [(100, None), (101, Some(steel)), (102, None)] {
         let key = part(&mut builder, id, None, material);
         let some = soup(&mut random, 5_000, 0.02);
-        let colours = vec![[id as f32 - 100.0, 0.5, 0.25].map(|c| c / 2.0); some.len()];
-        let colours = material.is_none().then_some(&colours[..]);
+        let colours = vec![[[id as f32 - 100.0, 0.5, 0.25].map(|c| c / 2.0), [0.5; 3], [0.25; 3]]; some.len()];
+        let colours = if material.is_none() { Attributes::colours(&colours) } else { Attributes::NONE };
         builder.triangles(MeshKey::DIRECT, key, &some, colours).expect("triangles");
     }
-    builder.triangles(MeshKey::DIRECT, 0, &surface(70), None).expect("triangles");
+    builder.triangles(MeshKey::DIRECT, 0, &surface(70), Attributes::NONE).expect("triangles");
     let wrong = [[DVec3::NAN; 3], [DVec3::X; 3], [DVec3::X, DVec3::Y, DVec3::Z * 1e300]];
-    builder.triangles(MeshKey::DIRECT, 1, &wrong, None).expect("triangles");
+    builder.triangles(MeshKey::DIRECT, 1, &wrong, Attributes::NONE).expect("triangles");
     for local_parts in [2, 1] {
         let mesh = builder.shared_mesh(local_parts).expect("a mesh");
         for local in 0..local_parts {
-            builder.triangles(mesh, local, &soup(&mut random, 9, 1.0), None).expect("triangles");
+            builder.triangles(mesh, local, &soup(&mut random, 9, 1.0), Attributes::NONE).expect("triangles");
         }
         let first = part(&mut builder, 200 + u64::from(local_parts), Some(0), None);
         for local in 1..local_parts {

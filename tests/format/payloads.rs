@@ -181,6 +181,7 @@ fn payloads_have_the_rows_of_their_tables() {
     let (_, file) = model();
     let (mut scratch, mut bytes) = (Vec::new(), Vec::new());
     let geometry = file.header().geometry_blocks;
+    let mut is_smooth = false;
     let (mut kinds, mut flags, mut most) = (BTreeSet::new(), BTreeSet::new(), BTreeMap::<&str, usize>::new());
     for id in 0..geometry {
         let tree = *file.trees().iter().rfind(|tree| tree.first_block <= id && tree.block_count > 0).expect("a tree");
@@ -219,16 +220,30 @@ fn payloads_have_the_rows_of_their_tables() {
         read(2 * geometry + id, &mut beside);
         let mut colours = Payload::new(&beside);
         colours.read("#### Colours", 0);
-        assert_eq!((colours.count("c"), colours.rest.len()), (triangles, 0));
-        let first = colours.row("sRGB").iter().step_by(triangles.max(1)).copied();
-        let decoded = decode_colours(&beside, triangles).expect("colours");
-        assert_eq!(first.collect::<Vec<_>>(), decoded.first().map_or(Vec::new(), |c| c.to_le_bytes().to_vec()));
+        let each = usize::from(colours.row("colours of a triangle")[0]);
+        assert_eq!((colours.count("c"), colours.rest.len()), (each * triangles, 0));
+        let decoded = decode_colours(&beside, 1 + each * triangles).expect("colours");
+        assert_eq!(decoded[0] as usize, each);
+        for (corner, row) in colours.row("sRGB").chunks_exact(4 * triangles.max(1)).enumerate() {
+            let first = row.iter().step_by(triangles).copied();
+            assert_eq!(first.collect::<Vec<_>>(), decoded[1 + corner].to_le_bytes());
+        }
+        let normals_at = file.header().normals_at().expect("normals");
+        read(normals_at + id, &mut beside);
+        let mut normals = Payload::new(&beside);
+        normals.read("#### Normals", 0);
+        assert_eq!(
+            (4 * normals.count("n"), normals.rest.len()),
+            (file.decoded_len(BlockId(normals_at + id)) as usize, 0)
+        );
+        is_smooth |= normals.count("n") > 1;
         kinds.insert((kind, payload.count("r")));
         for name in ["e", "s", "m", "k", "q"] {
             let count = most.entry(name).or_default();
             *count = payload.count(name).max(*count);
         }
     }
+    assert!(is_smooth);
     let page = table("### Block payloads of structure `bvh`", "kind | content");
     assert_eq!(page.iter().map(|row| row[0]).collect::<Vec<_>>(), ["1", "2", "3"]);
     // Each row of the tables has been read with something in it.

@@ -40,6 +40,10 @@ pub struct Args {
     /// The axis that points up, overriding the files
     #[arg(long, value_parser = ["x", "y", "z"])]
     up: Option<String>,
+    /// Edges between triangles that meet at less than this angle appear smooth, where the files give no normals; at most
+    /// 180 degrees. 0: 40. Below 0: surfaces without normals show their facets
+    #[arg(long, value_name = "DEGREES", default_value = "0", allow_negative_numbers = true)]
+    crease: f32,
     /// A folder of files that mesh files may refer to, besides the folder of each mesh file and those below it; may be
     /// repeated
     #[arg(long, value_name = "FOLDER")]
@@ -76,6 +80,7 @@ pub fn run(args: &Args) -> Outcome {
             "y" => UpAxis::Y,
             _ => UpAxis::Z,
         }),
+        crease_angle: args.crease,
         access: Access { folders: args.trust_folder.clone(), any: args.trust_paths, resolver: None },
         max_triangles: args.max_triangles,
         max_bytes: args.max_bytes,

@@ -67,6 +67,7 @@ fn as_json(file: &ModelFile, with_parts: bool) -> Value {
         "leaves": file.trees().iter().map(|t| t.leaves).sum::<u64>(),
         "references": file.trees().iter().map(|t| t.references).sum::<u64>(),
         "has_colours": h.has_colours,
+        "has_normals": h.has_normals,
         "spatial_splits": h.options.spatial_splits,
     });
     if with_parts {

@@ -2,7 +2,7 @@
 
 use super::Generated;
 use crate::base::error::Result;
-use crate::import::{MaterialDesc, MaterialKey, MeshKey, PartDesc, PartKey, Sink, UpAxis};
+use crate::import::{Attributes, MaterialDesc, MaterialKey, MeshKey, PartDesc, PartKey, Sink, UpAxis};
 use glam::DVec3;
 
 /// Number of triangles per call of a sink.
@@ -53,7 +53,7 @@ impl<'a> SinkTarget<'a> {
             }
             self.sink.cancel().check()?;
             self.generated.triangles += self.batch.len() as u64;
-            self.sink.triangles(MeshKey::DIRECT, part, &self.batch, None)?;
+            self.sink.triangles(MeshKey::DIRECT, part, &self.batch, Attributes::NONE)?;
         }
     }
 }

@@ -1,5 +1,5 @@
 use super::*;
-use crate::import::{MaterialDesc, MaterialKey, MeshKey, PartDesc, PartKey, UpAxis};
+use crate::import::{Attributes, MaterialDesc, MaterialKey, MeshKey, PartDesc, PartKey, UpAxis};
 use glam::{DAffine3, DVec3};
 use std::collections::HashMap;
 
@@ -26,7 +26,7 @@ impl Sink for Kept {
     fn shared_mesh(&mut self, _: u32) -> Result<MeshKey> {
         Err(Error::bad_argument("unused"))
     }
-    fn triangles(&mut self, _: MeshKey, part: u32, t: &[[DVec3; 3]], _: Option<&[[f32; 3]]>) -> Result<()> {
+    fn triangles(&mut self, _: MeshKey, part: u32, t: &[[DVec3; 3]], _: Attributes<'_>) -> Result<()> {
         self.largest_batch = self.largest_batch.max(t.len());
         self.triangles.extend(t.iter().map(|t| (part, *t)));
         Ok(())

@@ -7,11 +7,10 @@ use super::model::{Mode, Model, Primitive};
 use super::notes::Notes;
 use super::pose::{self, Pose, Positions};
 use super::texture::{Mapping, Texture};
-use crate::import::batch::Batch;
-use crate::import::colour::mean3;
+use crate::import::batch::{Batch, Corners};
 use crate::import::input::{Fault, Parsed};
 use crate::import::{MaterialDesc, MeshKey, Sink};
-use glam::{DAffine3, DVec3, Vec2};
+use glam::{DAffine3, DMat3, DVec3, Vec2, Vec3};
 use std::rc::Rc;
 
 /// Destination of a mesh.
@@ -31,8 +30,11 @@ struct Vertices {
     colours: Option<Vec<[f32; 3]>>,
     texture: Option<(Rc<Texture>, Mapping, Vec<[f32; 2]>)>,
     factor: [f32; 3],
+    normals: Option<Vec<[f32; 3]>>,
     /// Transform of the positions to the world; `None` if they keep their coordinates.
     world: Option<DAffine3>,
+    /// Transform of the normals to the world.
+    across: Option<DMat3>,
 }
 
 /// Reads primitives and sends their triangles to the sink.
@@ -98,10 +100,21 @@ impl<'a> Emitter<'a> {
         };
         let positions = pose::positions(self.model, primitive, positions, pose, &mut self.buffers).map_err(named)?;
         let world = target.world.filter(|_| !matches!(positions, Positions::Skinned(_)));
-        let mut vertices = Vertices { positions, colours: None, texture: None, factor: [1.0; 3], world };
+        let across = world.map(|world| {
+            let [x, y, z] = [world.matrix3.x_axis, world.matrix3.y_axis, world.matrix3.z_axis];
+            DMat3::from_cols(y.cross(z), z.cross(x), x.cross(y))
+        });
+        let mut vertices =
+            Vertices { positions, colours: None, texture: None, factor: [1.0; 3], normals: None, world, across };
+        // Normals of a mesh in another pose are not those of its vertices.
+        if let (Positions::AsStored(_), Some(index)) = (&vertices.positions, primitive.attribute("NORMAL")) {
+            let list = self.attribute::<3>(index, &[3], vertices.positions.len());
+            vertices.normals = self.noted(list, "primitives have invalid normals, which were left out", name)?;
+        }
         self.colour(primitive, name, &looks, &mut vertices, materials, sink)?;
         let colour = looks.map_or(MaterialDesc::default().colour, |l| l.colour);
         self.batch.aim(target.mesh, target.first_part, colour, sink)?;
+        self.batch.with_normals(vertices.normals.is_some(), sink)?;
         self.assemble(primitive, name, &vertices, sink).map_err(named)
     }
 
@@ -177,7 +190,7 @@ impl<'a> Emitter<'a> {
             if let Some(corners) = assembly.next(index) {
                 *made += 1;
                 let [a, b, c] = corners.map(|i| i as usize);
-                if batch.push(vertices.triangle([a, b, c]), vertices.colour([a, b, c])) {
+                if batch.push(vertices.triangle([a, b, c]), vertices.values([a, b, c])) {
                     let (bytes, total) = buffers.progress();
                     sink.at(bytes, total);
                     batch.flush(sink)?;
@@ -207,22 +220,33 @@ impl Vertices {
         })
     }
 
+    fn values(&self, corners: [usize; 3]) -> Corners {
+        Corners { colours: self.colours(corners), normals: self.normals(corners) }
+    }
+
     /// Returns the product of base colour factor, vertex colours and texture; `None` without vertex colours and
     /// texture.
-    fn colour(&self, corners: [usize; 3]) -> Option<[f32; 3]> {
+    fn colours(&self, corners: [usize; 3]) -> Option<[[f32; 3]; 3]> {
         if self.colours.is_none() && self.texture.is_none() {
             return None;
         }
-        let mut colour = self.factor;
-        let mut by = |other: [f32; 3]| (0..3).for_each(|i| colour[i] = (colour[i] * other[i]).clamp(0.0, 1.0));
-        if let Some(colours) = &self.colours {
-            by(mean3(colours[corners[0]], colours[corners[1]], colours[corners[2]]));
-        }
+        let by = |a: [f32; 3], b: [f32; 3]| std::array::from_fn(|i| (a[i] * b[i]).clamp(0.0, 1.0));
+        let mut factor = self.factor;
         if let Some((texture, mapping, uv)) = &self.texture {
             let corners: [Vec2; 3] = corners.map(|i| mapping.apply(uv[i]));
-            by(texture.mean(corners, mapping).unwrap_or([1.0; 3]));
+            factor = by(factor, texture.mean(corners, mapping).unwrap_or([1.0; 3]));
         }
-        Some(colour)
+        Some(self.colours.as_ref().map_or([factor; 3], |colours| corners.map(|i| by(factor, colours[i]))))
+    }
+
+    /// Returns the normals in the frame of the positions. Transforms take normals by the transpose of their inverse;
+    /// the matrix of cofactors has the same directions and exists always.
+    fn normals(&self, corners: [usize; 3]) -> Option<[Vec3; 3]> {
+        let normals = self.normals.as_ref()?;
+        Some(corners.map(|i| {
+            let normal = Vec3::from(normals[i]);
+            self.across.map_or(normal, |across| (across * normal.as_dvec3()).as_vec3())
+        }))
     }
 }
 

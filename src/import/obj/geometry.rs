@@ -5,18 +5,18 @@ use super::mtl::next_number;
 use super::parts::{Painted, Parts};
 use super::survey::{Keyword, keyword};
 use crate::base::error::{Place, Result};
-use crate::import::batch::Batch;
-use crate::import::colour::{linear, mean3};
+use crate::import::batch::{Batch, Corners};
+use crate::import::colour::linear;
 use crate::import::ignored::Ignored;
 use crate::import::input::{Input, Parsed};
+use crate::import::normals::Normals;
 use crate::import::texture::Texture;
 use crate::import::{MeshKey, Sink, text};
 use glam::DVec3;
 use std::rc::Rc;
 
 /// Keywords without geometry, or handled by the first reading: they are ignored without a note.
-const SILENT: [&[u8]; 15] = [
-    b"vn",
+const SILENT: [&[u8]; 14] = [
     b"vp",
     b"s",
     b"mg",
@@ -45,10 +45,13 @@ struct Reader<'a, 'f> {
     scale: f64,
     /// Texture coordinates; `None` if no part has a texture.
     coordinates: Option<Vec<[f32; 2]>>,
+    normals: Normals,
     corners: Vec<Corner>,
     /// Texture of the present run of faces.
     texture: Option<(Painted, Rc<Texture>)>,
     batch: Batch,
+    /// True if every corner of the present face has a normal.
+    with_normals: bool,
     /// Number of runs of faces begun, and a flag for being inside one.
     runs: usize,
     in_run: bool,
@@ -62,6 +65,8 @@ struct Reader<'a, 'f> {
 struct Corner {
     vertex: u32,
     coordinates: Option<u32>,
+    /// Index of its normal.
+    normal: Option<u32>,
 }
 
 /// Reads the whole file from its beginning; the triangles go to `parts`.
@@ -72,9 +77,11 @@ pub(crate) fn read(input: &mut Input, parts: &mut Parts<'_>, sink: &mut dyn Sink
         positions: Vec::new(),
         colours: Vec::new(),
         scale: 1.0,
+        normals: Normals::default(),
         corners: Vec::new(),
         texture: None,
         batch: Batch::new(0),
+        with_normals: false,
         runs: 0,
         in_run: false,
         triangles: 0,
@@ -106,7 +113,9 @@ impl Reader<'_, '_> {
             [b'v', b' ' | b'\t', rest @ ..] => return self.vertex(rest, number),
             [b'v', b't'] => return self.texture_vertex(b"", number),
             [b'v', b't', b' ' | b'\t', rest @ ..] => return self.texture_vertex(rest, number),
-            [] | [b'#', ..] | [b'v', b'n', b' ' | b'\t', ..] => return Ok(()),
+            [] | [b'#', ..] => return Ok(()),
+            [b'v', b'n'] => return self.normal(b""),
+            [b'v', b'n', b' ' | b'\t', rest @ ..] => return self.normal(rest),
             _ => {}
         }
         match keyword(line) {
@@ -162,6 +171,13 @@ impl Reader<'_, '_> {
         Ok(())
     }
 
+    /// Reads a normal. One that cannot be used costs only the shape of its triangles' light.
+    fn normal(&mut self, mut rest: &[u8]) -> Parsed<()> {
+        let mut next = || next_number(&mut rest).unwrap_or(f32::NAN);
+        self.normals.push([next(), next(), next()]);
+        Ok(())
+    }
+
     /// Handles a word that is not a number, the one behind `n` numbers of a vertex: a comment, perhaps with a number
     /// before it, or text that is ignored. Returns how many numbers it adds.
     #[cold]
@@ -214,6 +230,9 @@ impl Reader<'_, '_> {
             }
         }
         self.without_area += u64::from(self.corners.len() < 3);
+        // The normals of a face are used if each corner has one.
+        self.with_normals = self.corners.iter().all(|corner| corner.normal.is_some());
+        self.batch.with_normals(self.with_normals, sink)?;
         for i in 2..self.corners.len() {
             self.triangle([self.corners[0], self.corners[i - 1], self.corners[i]]);
             if self.batch.is_full() {
@@ -228,21 +247,27 @@ impl Reader<'_, '_> {
         let vertex = corner(word, self.positions.len())?;
         // Without a texture in this run of faces the rest of the word does not matter.
         let coordinates = self.coordinates.as_ref().filter(|_| self.texture.is_some());
-        Ok(Corner { vertex, coordinates: coordinates.and_then(|c| coordinate(word, c.len())) })
+        Ok(Corner {
+            vertex,
+            coordinates: coordinates.and_then(|c| further(word, 1, c.len())),
+            normal: further(word, 2, self.normals.len()),
+        })
     }
 
     #[inline]
     fn triangle(&mut self, corners: [Corner; 3]) {
         let at = corners.map(|c| c.vertex as usize);
-        let colour = match &self.texture {
-            Some((painted, texture)) => self.texture_colour(corners, *painted, texture),
+        let colours = match &self.texture {
+            Some((painted, texture)) => self.texture_colour(corners, *painted, texture).map(|c| [c; 3]),
             None if self.colours.is_empty() => None,
-            None => {
-                Some(mean3(self.colours[at[0]], self.colours[at[1]], self.colours[at[2]])).filter(|c| !c[0].is_nan())
-            }
+            None => Some(at.map(|i| self.colours[i])).filter(|all| !all.iter().any(|c| c[0].is_nan())),
+        };
+        let normals = match corners.map(|corner| corner.normal) {
+            [Some(a), Some(b), Some(c)] if self.with_normals => Some([a, b, c].map(|i| self.normals.get(i as usize))),
+            _ => None,
         };
         self.triangles += 1;
-        self.batch.push(at.map(|i| DVec3::from(self.positions[i])), colour);
+        self.batch.push(at.map(|i| DVec3::from(self.positions[i])), Corners { colours, normals });
     }
 
     /// Returns the mean colour of the texture over a triangle; `None` without texture coordinates.
@@ -287,9 +312,10 @@ fn corner(word: &[u8], count: usize) -> Parsed<u32> {
     absolute(index, count).ok_or_else(|| format!("vertex {index} is out of range: {count} are defined so far").into())
 }
 
-/// Returns the index of the texture coordinates of a corner, if it has some that are defined.
-fn coordinate(word: &[u8], count: usize) -> Option<u32> {
-    absolute(text::integer(word.split(|&b| b == b'/').nth(1)?)?, count)
+/// Returns the second or third index of a corner, that of its texture coordinates or its normal, if it is defined.
+#[inline]
+fn further(word: &[u8], which: usize, count: usize) -> Option<u32> {
+    absolute(text::integer(word.split(|&b| b == b'/').nth(which)?)?, count)
 }
 
 /// Returns the index from 0 for one that counts from 1, or backwards from -1.

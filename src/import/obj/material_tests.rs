@@ -76,7 +76,7 @@ fn painted(statements: &str, picture: &[u8]) -> Collector {
 }
 
 fn colours(sink: &Collector) -> Vec<[f32; 3]> {
-    sink.direct().iter().map(|t| t.colour.expect("a colour").map(|c| (c * 1000.0).round() / 1000.0)).collect()
+    sink.direct().iter().map(|t| t.colour().expect("a colour").map(|c| (c * 1000.0).round() / 1000.0)).collect()
 }
 
 const GREEN: [f32; 3] = [0.0, 1.0, 0.0];
@@ -122,7 +122,7 @@ fn a_texture_that_cannot_be_used_leaves_one_colour() {
         {
             let sink = painted(&format!("{kd}\nmap_Kd {name}"), &bytes);
             assert_eq!(sink.materials[0].colour, colour);
-            assert!(sink.direct().iter().all(|t| t.colour.is_none()));
+            assert!(sink.direct().iter().all(|t| t.colour().is_none()));
             let note = &sink.notes[0];
             assert!(note.contains("1 textures were left out") && note.contains(words), "{note}");
         }

@@ -134,9 +134,9 @@ fn one_library_line_may_name_several_files() {
 fn vertices_may_have_weights_or_colours() {
     let text = "v 0 0 0 1 0 0\nv 1 0 0 0 1 0 1\nv 1 1 0 0 0 1\nv 0 1 0 0.5\nf 1 2 3\nf 1 2 4\n";
     let sink = read_bytes("file.obj", text).unwrap();
-    assert_eq!(sink.direct()[0].colour, Some([1.0 / 3.0; 3]));
+    assert_eq!(sink.direct()[0].colour(), Some([1.0 / 3.0; 3]));
     // The triangle has a corner without a colour and takes the material's.
-    assert_eq!(sink.direct()[1].colour, Some(crate::import::MaterialDesc::default().colour));
+    assert_eq!(sink.direct()[1].colour(), Some(crate::import::MaterialDesc::default().colour));
     assert_eq!(sink.direct()[1].positions[2], DVec3::Y);
 }
 
@@ -145,9 +145,9 @@ fn colours_of_vertices_may_reach_to_255() {
     let text = "v 0 0 0 0 0 0\nv 1 0 0 255 0 0\nv 0 1 0 0 0 255\nv 0 0 1 1 0 0\nf 1 2 3\nf 2 2 2\nf 4 4 4\n";
     let sink = read_bytes("file.obj", text).unwrap();
     let third = 1.0 / 3.0;
-    assert_eq!(sink.direct()[0].colour, Some([third, 0.0, third]));
-    assert_eq!(sink.direct()[1].colour, Some([1.0, 0.0, 0.0]));
-    assert!(sink.direct()[2].colour.is_some_and(|c| c[0] > 0.0 && c[0] < 0.001));
+    assert_eq!(sink.direct()[0].colour(), Some([third, 0.0, third]));
+    assert_eq!(sink.direct()[1].colour(), Some([1.0, 0.0, 0.0]));
+    assert!(sink.direct()[2].colour().is_some_and(|c| c[0] > 0.0 && c[0] < 0.001));
     assert!(
         sink.notes.len() == 1 && sink.notes[0].contains("0 to 255") && sink.notes[0].contains("line 2"),
         "{:?}",

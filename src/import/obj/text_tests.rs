@@ -84,7 +84,7 @@ fn comments_may_follow_any_value() {
         let sink = read_bytes("file.obj", text).unwrap();
         assert_eq!(sink.direct()[0].positions, [DVec3::ZERO, DVec3::X, DVec3::Y], "{text}");
         assert_eq!(sink.received as usize, text.matches('f').count() - text.matches("fo").count(), "{text}");
-        assert!(sink.notes.is_empty() && sink.direct()[0].colour.is_none(), "{text}: {:?}", sink.notes);
+        assert!(sink.notes.is_empty() && sink.direct()[0].colour().is_none(), "{text}: {:?}", sink.notes);
     }
     let obj = format!("mtllib a.mtl # library\n{SQUARE}usemtl red # first\nf 1 2 3\nusemtl a #1\nf 1 2 3\n");
     let mtl =

@@ -5,11 +5,11 @@ use super::table::Declared;
 use super::values::Values;
 use super::vertices::{Channels, VertexTable, channel, channels};
 use crate::base::error::Result;
-use crate::import::batch::Batch;
-use crate::import::colour::{self, mean3};
+use crate::import::batch::{Batch, Corners};
+use crate::import::colour;
 use crate::import::input::Input;
 use crate::import::{MaterialDesc, MeshKey, PartDesc, PartKey, Sink};
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use std::collections::HashMap;
 
 /// Names of the property with the vertex indices of a face.
@@ -170,12 +170,13 @@ impl<'a> Faces<'a> {
         let at = corners.map(|i| i as usize);
         // Every index was checked when it was read.
         let positions = at.map(|i| self.vertices.positions.get(i).unwrap_or(DVec3::NAN));
-        let colour = face_colour.or_else(|| {
+        let colours = face_colour.map(|c| [c; 3]).or_else(|| {
             let c = |i| self.vertices.colour(i);
-            Some(mean3(c(at[0])?, c(at[1])?, c(at[2])?))
+            Some([c(at[0])?, c(at[1])?, c(at[2])?])
         });
+        let normals = self.vertices.has_normals().then(|| at.map(|i| self.vertices.normal(i).unwrap_or(Vec3::NAN)));
         self.triangles += 1;
-        self.batch.push(positions, colour);
+        self.batch.push(positions, Corners { colours, normals });
     }
 
     /// Reads triangle strips. Each list is a sequence of strips; negative indices end a strip.

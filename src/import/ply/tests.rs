@@ -259,7 +259,7 @@ fn colours_are_averaged_in_linear_light() {
         file("ushort", ["65535 0 32896", "0 0 32896", "0 65535 32896"]),
     ] {
         let sink = read_bytes("t.ply", bytes).unwrap();
-        let colour = sink.direct()[0].colour.unwrap();
+        let colour = sink.direct()[0].colour().unwrap();
         // 128 / 255 is 0.2158605 in linear light.
         for (found, expected) in colour.into_iter().zip([1.0 / 3.0, 1.0 / 3.0, 0.215_860_5]) {
             assert!((found - expected).abs() < 1e-6, "{colour:?}");
@@ -269,7 +269,7 @@ fn colours_are_averaged_in_linear_light() {
     let text = file("uchar", ["255 0 128", "0 0 128", "0 255 128"])
         .replace("vertex_indices\n", "vertex_indices\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n")
         .replace("3 0 1 2\n", "3 0 1 2 0 255 0\n");
-    assert_eq!(read_bytes("t.ply", text).unwrap().direct()[0].colour, Some([0.0, 1.0, 0.0]));
+    assert_eq!(read_bytes("t.ply", text).unwrap().direct()[0].colour(), Some([0.0, 1.0, 0.0]));
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! The element `vertex`: positions and optional colours.
+//! The element `vertex`: positions, optional colours and normals.
 
 use super::header::{Coding, Element, Kind, Type};
 use super::values::{Values, truncated};
@@ -7,12 +7,15 @@ use crate::import::ReadOptions;
 use crate::import::Sink;
 use crate::import::colour;
 use crate::import::input::Input;
+use crate::import::normals::Normals;
 use crate::import::vertices::{Held, Vertices};
+use glam::Vec3;
 
 /// Vertices that faces refer to.
 pub(crate) struct VertexTable {
     pub(crate) positions: Vertices,
     colours: Option<Colours>,
+    normals: Option<Normals>,
 }
 
 enum Colours {
@@ -25,7 +28,18 @@ enum Colours {
 impl VertexTable {
     /// Creates a table without vertices.
     pub(crate) fn empty() -> Self {
-        Self { positions: Vertices::new(true, 0, &ReadOptions::default()), colours: None }
+        Self { positions: Vertices::new(true, 0, &ReadOptions::default()), colours: None, normals: None }
+    }
+
+    /// True if vertices have normals.
+    pub(crate) fn has_normals(&self) -> bool {
+        self.normals.is_some()
+    }
+
+    /// Returns the normal of vertex `i`, if vertices have normals.
+    #[inline]
+    pub(crate) fn normal(&self, i: usize) -> Option<Vec3> {
+        self.normals.as_ref().map(|normals| normals.get(i))
     }
 
     /// Returns the linear colour of vertex `i`, if vertices have colours.
@@ -76,12 +90,17 @@ pub(crate) fn read(
     let axes = [x, y, z];
     let single = axes.iter().all(|(_, ty)| ty.fits_single());
     let channels = channels(element);
+    let across = [axis("nx"), axis("ny"), axis("nz")];
+    let across = if let [Some(x), Some(y), Some(z)] = across { Some([x, y, z]) } else { None };
     if let (true, true, None, Some(stride)) = (coding != Coding::Ascii, single, channels, element.row_bytes())
         && let Some(offsets) = float_offsets(element, axes)
     {
-        let rows = Rows { count: element.count, stride, offsets, big: coding == Coding::Big };
-        let positions = read_floats(values.input(), rows, options, sink)?;
-        return Ok(VertexTable { positions, colours: None });
+        let normals = across.map(|across| float_offsets(element, across));
+        if !matches!(normals, Some(None)) {
+            let normals = normals.flatten();
+            let rows = Rows { count: element.count, stride, offsets, normals, big: coding == Coding::Big };
+            return read_floats(values.input(), rows, options, sink);
+        }
     }
     let input = values.input();
     let fits = input.remaining() / element.least_bytes(coding).max(1) + 1;
@@ -92,8 +111,9 @@ pub(crate) fn read(
             true => Colours::Bytes(Vec::with_capacity(capacity)),
             false => Colours::Linear(Vec::with_capacity(capacity)),
         }),
+        normals: across.map(|_| Normals::with_capacity(capacity)),
     };
-    read_rows(values, element, axes, channels, &mut table, sink)?;
+    read_rows(values, element, [Some(axes), channels, across], &mut table, sink)?;
     table.positions.complete()?;
     Ok(table)
 }
@@ -101,18 +121,17 @@ pub(crate) fn read(
 fn read_rows(
     values: &mut impl Values,
     element: &Element,
-    axes: Channels,
-    channels: Option<Channels>,
+    wanted: [Option<Channels>; 3],
     table: &mut VertexTable,
     sink: &mut dyn Sink,
 ) -> Result<()> {
-    // Target of each property: 0..3 position, 3..6 colour, 6 unused.
-    let mut targets = vec![6usize; element.properties.len()];
-    let wanted = axes.iter().chain(channels.iter().flatten());
-    for (slot, &(property, _)) in wanted.enumerate() {
-        targets[property] = slot;
+    // Target of each property: 0..3 position, 3..6 colour, 6..9 normal, 9 unused.
+    let mut targets = vec![9usize; element.properties.len()];
+    for (first, list) in (0..).step_by(3).zip(wanted) {
+        list.into_iter().flatten().zip(first..).for_each(|((property, _), slot)| targets[property] = slot);
     }
-    let mut row = [0f64; 7];
+    let channels = wanted[1];
+    let mut row = [0f64; 9];
     for n in 0..element.count {
         if n.is_multiple_of(16384) {
             super::tick(values.input(), sink)?;
@@ -120,7 +139,7 @@ fn read_rows(
         }
         for (property, &target) in element.properties.iter().zip(&targets) {
             match property.kind {
-                Kind::Scalar(ty) if target < 6 => row[target] = values.float(ty)?,
+                Kind::Scalar(ty) if target < 9 => row[target] = values.float(ty)?,
                 Kind::Scalar(ty) => values.skip(ty, 1)?,
                 Kind::List { count, item } => {
                     let n = super::list_length(values, count)?;
@@ -129,7 +148,7 @@ fn read_rows(
             }
         }
         values.end_row()?;
-        let [x, y, z, r, g, b, _] = row;
+        let [x, y, z, r, g, b, nx, ny, nz] = row;
         match table.positions.held() {
             Held::Single(v) => v.push([x as f32, y as f32, z as f32]),
             Held::Double(v) => v.push([x, y, z]),
@@ -143,11 +162,14 @@ fn read_rows(
             ]),
             _ => {}
         }
+        if let Some(normals) = &mut table.normals {
+            normals.push([nx, ny, nz].map(|x| x as f32));
+        }
     }
     Ok(())
 }
 
-/// Returns the byte offsets of x, y and z in a row of constant size, if all three are `float`.
+/// Returns the byte offsets of three properties in a row of constant size, if all are `float`.
 fn float_offsets(element: &Element, axes: Channels) -> Option<[usize; 3]> {
     let mut offsets = [0; 3];
     for (slot, (property, ty)) in axes.into_iter().enumerate() {
@@ -168,17 +190,20 @@ struct Rows {
     stride: u64,
     /// Byte offsets of x, y and z in a row.
     offsets: [usize; 3],
+    /// Byte offsets of the normal.
+    normals: Option<[usize; 3]>,
     /// True for big-endian byte order.
     big: bool,
 }
 
 /// Reads the usual case, floats at fixed offsets, many rows at a time.
-fn read_floats(input: &mut Input, rows: Rows, options: &ReadOptions, sink: &mut dyn Sink) -> Result<Vertices> {
-    let Rows { count, stride, offsets, big } = rows;
+fn read_floats(input: &mut Input, rows: Rows, options: &ReadOptions, sink: &mut dyn Sink) -> Result<VertexTable> {
+    let Rows { count, stride, offsets, normals: across, big } = rows;
     if count.checked_mul(stride).is_none_or(|bytes| bytes > input.remaining()) {
         return Err(truncated(input));
     }
     let mut positions = Vertices::new(true, count as usize, options);
+    let mut normals = across.map(|_| Normals::with_capacity(count as usize));
     let stride = stride as usize;
     while (positions.len() as u64) < count {
         super::tick(input, sink)?;
@@ -197,8 +222,11 @@ fn read_floats(input: &mut Input, rows: Rows, options: &ReadOptions, sink: &mut 
             Held::Single(v) => v.extend(points),
             Held::Double(v) => v.extend(points.map(|p| p.map(f64::from))),
         }
+        if let (Some(normals), Some(offsets)) = (&mut normals, across) {
+            bytes.chunks_exact(stride).for_each(|row| normals.push(offsets.map(|at| axis(row, at))));
+        }
         input.consume(rows * stride);
     }
     positions.complete()?;
-    Ok(positions)
+    Ok(VertexTable { positions, colours: None, normals })
 }

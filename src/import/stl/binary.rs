@@ -1,7 +1,7 @@
 //! The binary form: a header of 80 bytes, a count, and 50 bytes per triangle.
 
 use crate::base::error::{Error, Place, Result};
-use crate::import::batch::Batch;
+use crate::import::batch::{Batch, Corners};
 use crate::import::input::Input;
 use crate::import::{MaterialDesc, MeshKey, PartDesc, Sink, UpAxis, colour, stem};
 use glam::DVec3;
@@ -52,7 +52,7 @@ pub(crate) fn read(input: &mut Input, sink: &mut dyn Sink) -> Result<()> {
         let mut n = 0;
         for record in records {
             n += 1;
-            if batch.push(corners(record), own_colour(record, colours)) {
+            if batch.push(corners(record), Corners::plain(own_colour(record, colours))) {
                 break;
             }
         }

@@ -29,7 +29,7 @@ fn binary(header: &[u8], attributes: &[u16]) -> Vec<u8> {
 }
 
 fn colours(sink: &Collector) -> Vec<Option<[f32; 3]>> {
-    sink.direct().iter().map(|t| t.colour).collect()
+    sink.direct().iter().map(|t| t.colour()).collect()
 }
 
 #[test]

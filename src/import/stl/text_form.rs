@@ -5,7 +5,7 @@
 //! belongs to a triangle that would be lost.
 
 use crate::base::error::{Place, Result};
-use crate::import::batch::Batch;
+use crate::import::batch::{Batch, Corners};
 use crate::import::ignored::Ignored;
 use crate::import::input::{Input, Parsed};
 use crate::import::{MaterialDesc, MeshKey, PartDesc, Sink, UpAxis, stem, text};
@@ -296,7 +296,7 @@ impl Solids<'_> {
                 && let Some(batch) = &mut self.batch
             {
                 self.triangles += 1;
-                if batch.push([first, last, corner], None) {
+                if batch.push([first, last, corner], Corners::default()) {
                     sink.at(self.words.input.offset(), self.words.input.total());
                     batch.flush(sink)?;
                 }

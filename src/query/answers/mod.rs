@@ -4,10 +4,12 @@
 //! and back.
 
 mod meeting;
+mod shading;
 pub(crate) mod stand_in;
 mod triangle;
 
 pub(crate) use meeting::meet;
+pub(crate) use shading::{shading_normal, weights, world_unit};
 pub(crate) use triangle::WorldNormal;
 
 use super::hit::{Hit, HitKind, NONE, Want};
@@ -234,7 +236,7 @@ impl<const N: usize> Seen<N> {
         }
         let looked_at = if want.any_of(Want::SURFACE) { met } else { near_end | inside } & !rest.outside;
         if looked_at != 0 {
-            let asks = [want.has(Want::NORMAL), want.has(Want::ERROR)];
+            let asks = [want.any_of(Want::NORMALS), want.has(Want::ERROR)];
             rest.lacking = self.look(at, looked_at, |i| rays[i].dir, hits, asks);
             rest.outside |= self.fill_triangles(at, want, rays, hits, near_end, out);
             if self.groups.cells != 0 {
@@ -245,6 +247,9 @@ impl<const N: usize> Seen<N> {
                 out[i] = Hit { t: hits.t(i), ..Hit::MISS };
                 promise_nothing(&mut out[i], &rays[i], want);
             }
+        }
+        if want.has(Want::SHADING_NORMAL) {
+            self.fill_shading(at, rays, hits, out, &mut rest);
         }
         if want.has(Want::PRIM) {
             self.fill_prims(at, hits, met, out, &mut rest);
@@ -303,6 +308,9 @@ impl<const N: usize> Seen<N> {
             if want.has(Want::NORMAL) {
                 hit.normal = self.stand_ins.normal(i);
             }
+            if want.has(Want::SHADING_NORMAL) {
+                hit.shading_normal = self.stand_ins.normal(i);
+            }
             let along = ray.dir.as_dvec3() * hit.t;
             if want.has(Want::POSITION) {
                 hit.position = ray.origin + along;
@@ -312,6 +320,62 @@ impl<const N: usize> Seen<N> {
                 hit.t_free = self.stand_ins.t_free(i, p, ray, hit.t);
             }
         }
+    }
+
+    /// Fills the shading normals of triangle hits. Only the blocks of normals may be missing, where the fields before are
+    /// known.
+    #[inline(never)]
+    fn fill_shading(
+        &self,
+        at: &InTree,
+        rays: &[Ray],
+        hits: &(impl TreeHits<N> + ?Sized),
+        out: &mut [Hit; N],
+        rest: &mut Rest,
+    ) {
+        let tree = at.tree();
+        for column in 0..self.groups.count {
+            let group = self.groups.rays[column & (N - 1)] & !(rest.outside | rest.lacking);
+            let Some(first) = bits(group).next() else { continue };
+            let Ok(normals) = tree.normals(&hits.hit(first)) else {
+                rest.lacking |= group;
+                continue;
+            };
+            let across = self.triangles.normal(column);
+            for i in bits(group) {
+                let (facing, hit) = (across.facing(rays[i].dir), hits.hit(i));
+                out[i].shading_normal =
+                    normals.map_or(facing, |normals| shading_normal(at.placed, &normals, [hit.u, hit.v], facing));
+            }
+        }
+    }
+
+    /// Writes the shading normals of triangle hits over the geometric normals in `normals`, where there are others.
+    /// `dir` holds the rays' unit directions. Returns false if a block of normals is not in memory.
+    pub fn smooth(
+        &self,
+        at: &InTree,
+        dir: &[[f32; N]; 3],
+        hits: &(impl TreeHits<N> + ?Sized),
+        turn: impl Fn(Vec3, Vec3) -> Vec3,
+        normals: &mut [[f32; N]; 3],
+    ) -> bool {
+        let tree = at.tree();
+        for group in &self.groups.rays[..self.groups.count] {
+            let Some(first) = bits(*group).next() else { continue };
+            let of_corners = match tree.normals(&hits.hit(first)) {
+                Ok(Some(of_corners)) => of_corners,
+                Ok(None) => continue,
+                Err(_) => return false,
+            };
+            for i in bits(*group) {
+                let (hit, facing) = (hits.hit(i), Vec3::new(normals[0][i], normals[1][i], normals[2][i]));
+                let normal = shading_normal(at.placed, &of_corners, [hit.u, hit.v], facing);
+                let normal = turn(normal, -Vec3::new(dir[0][i], dir[1][i], dir[2][i]));
+                (normals[0][i], normals[1][i], normals[2][i]) = (normal.x, normal.y, normal.z);
+            }
+        }
+        true
     }
 
     /// Fills primitive ids. This runs last: only their blocks may be missing where all other fields are known.
@@ -333,12 +397,15 @@ impl<const N: usize> Seen<N> {
     }
 }
 
-/// Returns the missing block that the answer to a hit needs: the hit's own block, or the block of its primitive ids.
+/// Returns the missing block that the answer to a hit needs: the hit's own block, or that of its normals or its
+/// primitive ids.
 #[cold]
-pub(super) fn lacking(view: &SceneView, placed: u32, hit: &TriHit) -> Need {
+pub(super) fn lacking(view: &SceneView, placed: u32, hit: &TriHit, want: Want) -> Need {
     let tree = view.tree(placed);
-    let beside = if hit.stand_in().is_some() { None } else { tree.prim(hit).err() };
-    view.need(placed, beside.unwrap_or(tree.block_of(hit)))
+    let is_triangle = hit.stand_in().is_none();
+    let normals = || tree.normals(hit).err().filter(|_| is_triangle && want.has(Want::SHADING_NORMAL));
+    let prims = || tree.prim(hit).err().filter(|_| is_triangle && want.has(Want::PRIM));
+    view.need(placed, normals().or_else(prims).unwrap_or(tree.block_of(hit)))
 }
 
 /// [`Seen::answer`] of a single ray. Returns false if its hit is outside of its interval; fails with the missing block.
@@ -348,7 +415,7 @@ pub(super) fn answer_one(view: &SceneView, ray: &Ray, found: &Found, want: Want,
     let mut seen = Seen::<1>::NONE;
     let out = std::array::from_mut(hit);
     let rest = seen.answer(&InTree::new(view, found.placed), want, from_ref(ray), from_ref(found), 1, out);
-    if rest.lacking != 0 { Err(lacking(view, found.placed, &found.tri)) } else { Ok(rest.outside == 0) }
+    if rest.lacking != 0 { Err(lacking(view, found.placed, &found.tri, want)) } else { Ok(rest.outside == 0) }
 }
 
 /// Sets `error` and `t_free` of a hit to values that hold for any content of the missing blocks.

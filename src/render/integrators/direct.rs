@@ -6,6 +6,7 @@ use super::material::Material;
 use super::plain::{self, Plain};
 use super::sampling::{Widths, offset};
 use super::shading::Shading;
+use super::smooth::Smooth;
 use super::surface::{BESIDE, DIAGONAL, Surface, back, width_at};
 use crate::lod::Facing;
 use crate::math::PACKET;
@@ -392,8 +393,15 @@ impl Direct<'_> {
         }
         let tree = self.view.tree(found.placed);
         let normal = WorldNormal::new(placed, &triangle.vertices).facing(ray.dir);
+        let uv = [found.tri.u, found.tri.v];
+        let normals = match tree.normals(&found.tri) {
+            Ok(normals) => normals,
+            Err(block) => self.later(need(block), wants).map(|()| None)?,
+        };
+        let smooth = normals.map(|normals| Smooth { placed, triangle: &triangle, normals, uv, facing: normal });
+        let shading = smooth.as_ref().map_or(normal, |smooth| smooth.normal(ray.dir));
         if let Some(seen) = seen {
-            (seen.kind, seen.normal) = (HitKind::Exact, normal.into());
+            (seen.kind, seen.normal, seen.shading_normal) = (HitKind::Exact, normal.into(), shading.into());
             if self.asks.precise {
                 self.measure(ray, ahead, found, &triangle, seen);
             }
@@ -407,8 +415,8 @@ impl Direct<'_> {
                 };
             }
         }
-        let own = || match tree.colour(&found.tri) {
-            Ok(colour) => Ok(colour),
+        let own = || match tree.colours(&found.tri) {
+            Ok(colours) => Ok(colours.and_then(|colours| self.mixed(colours, uv))),
             Err(block) => self.later(need(block), wants).map(|()| None),
         };
         let material = self.material(found.placed, part, own)?;
@@ -420,9 +428,10 @@ impl Direct<'_> {
         // not, because that would need more blocks when fewer fit.)
         let near = if self.is_pressed { 0.0 } else { f64::from(width * DIAGONAL) };
         let seen_from = if self.is_pressed { back(ray, found.t, normal, BESIDE * f64::from(width)) } else { position };
-        let from = seen_from + normal.as_dvec3() * leave;
-        let facing = Facing::flat(normal);
-        Ok(Some(Surface { position, normal, facing, material, from, next: found.t + leave, width, near }))
+        let raised = if self.casts() { smooth.map_or(seen_from, |smooth| smooth.raised(seen_from)) } else { seen_from };
+        let from = raised + normal.as_dvec3() * leave;
+        let facing = Facing::flat(shading);
+        Ok(Some(Surface { position, normal: shading, facing, material, from, next: found.t + leave, width, near }))
     }
 
     /// Computes depth and error of a triangle's hit in double precision.
@@ -478,7 +487,8 @@ impl Direct<'_> {
             }
             if let Some(seen) = seen {
                 seen.kind = if look.is_missing() { HitKind::Missing } else { HitKind::Lod };
-                (seen.normal, seen.error, seen.error_px) = (look.normal().into(), error, error_px);
+                (seen.normal, seen.shading_normal) = (look.normal().into(), look.normal().into());
+                (seen.error, seen.error_px) = (error, error_px);
                 seen.depth = self.depth(ray, look.t + ahead);
                 if self.asks.ids {
                     (seen.part, seen.instance) = self.ids(found.placed, look.part());
@@ -491,16 +501,20 @@ impl Direct<'_> {
         }
         let (position, width) = (ray.origin + along, width_at(ray, look.t));
         // `above` is needed only if lights cast shadows, `leave` only if the ray continues.
-        let casts = scene.lights.iter().any(|light| light.kind != LightKind::Headlight);
         let extent = placed.extent() * LEAVE;
-        let above = if casts { look.above() } else { 0.0 };
+        let above = if self.casts() { look.above() } else { 0.0 };
         let from =
             back(ray, look.t, look.normal(), above + BESIDE * f64::from(width)) + look.normal().as_dvec3() * extent;
         let next = if material.opacity < 1.0 { look.leave() } else { look.t } + extent;
         Ok(Surface { position, normal: look.normal(), facing: look.facing(), material, from, next, width, near: 0.0 })
     }
 
-    /// Handles a missing block with a triangle's id or colour. If missing data is accepted, wants the block, and the
+    /// True if a light may cast shadows.
+    fn casts(&self) -> bool {
+        self.view.scene.lights.iter().any(|light| light.kind != LightKind::Headlight)
+    }
+
+    /// Handles a missing block with a triangle's id, colours or normals. If missing data is accepted, wants the block, and the
     /// pixel is rendered without; otherwise fails with the block.
     fn later(&self, need: Need, wants: &mut Wants) -> Result<(), Need> {
         if !self.view.accept_missing {
@@ -517,12 +531,12 @@ impl Direct<'_> {
         instance.look.colour.is_some() || instance.parts.looks.coloured.get(&part).is_some_and(|s| s.colour.is_some())
     }
 
-    /// Returns the part's material, under the states of part and instance. `own` returns the triangle's own colour.
+    /// Returns the part's material, under the states of part and instance. `own` returns the hit's own colour.
     pub(super) fn material(
         &self,
         placed: u32,
         part: u32,
-        own: impl FnOnce() -> Result<Option<[u8; 4]>, Need>,
+        own: impl FnOnce() -> Result<Option<Vec3>, Need>,
     ) -> Result<Material, Need> {
         let p = &self.view.scene.placement.placed[placed as usize];
         let instance = &self.view.scene.instances[p.instance as usize];
@@ -540,7 +554,7 @@ impl Direct<'_> {
             Some([r, g, b, a]) => (material.colour, material.opacity) = (Vec3::new(r, g, b), a),
             None => {
                 if let Some(colour) = own()? {
-                    material.colour = Vec3::from(self.srgb.linear(colour));
+                    material.colour = colour;
                 }
             }
         }

@@ -8,6 +8,7 @@ use crate::query::{HitKind, NONE};
 pub(super) struct Layer {
     pub depth: f32,
     pub normal: [f32; 3],
+    pub shading_normal: [f32; 3],
     pub part: u64,
     pub prim: u64,
     pub instance: u64,
@@ -20,6 +21,7 @@ impl Layer {
     pub const MISS: Self = Self {
         depth: f32::INFINITY,
         normal: [0.0; 3],
+        shading_normal: [0.0; 3],
         part: NONE,
         prim: NONE,
         instance: NONE,
@@ -43,6 +45,7 @@ pub(crate) struct First {
     pub error_px: [f32; PACKET],
     pub depth: [f32; PACKET],
     pub normal: [[f32; 3]; PACKET],
+    pub shading_normal: [[f32; 3]; PACKET],
     pub part: [u64; PACKET],
     pub prim: [u64; PACKET],
     pub instance: [u64; PACKET],
@@ -60,6 +63,7 @@ impl First {
         error_px: [0.0; PACKET],
         depth: [Layer::MISS.depth; PACKET],
         normal: [Layer::MISS.normal; PACKET],
+        shading_normal: [Layer::MISS.normal; PACKET],
         part: [NONE; PACKET],
         prim: [NONE; PACKET],
         instance: [NONE; PACKET],
@@ -71,7 +75,7 @@ impl First {
         self.lod |= u32::from(seen.kind == HitKind::Lod) << i;
         self.missing |= u32::from(seen.kind == HitKind::Missing) << i;
         self.inexact |= u32::from(seen.error_px != 0.0) << i;
-        (self.depth[i], self.normal[i]) = (seen.depth, seen.normal);
+        (self.depth[i], self.normal[i], self.shading_normal[i]) = (seen.depth, seen.normal, seen.shading_normal);
         (self.part[i], self.prim[i], self.instance[i]) = (seen.part, seen.prim, seen.instance);
         (self.error[i], self.error_px[i]) = (seen.error, seen.error_px);
     }

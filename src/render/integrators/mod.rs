@@ -7,6 +7,7 @@ pub mod plain;
 mod sampling;
 mod shading;
 mod shadow;
+mod smooth;
 mod surface;
 
 use crate::math::srgb::Srgb;

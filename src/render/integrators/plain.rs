@@ -8,6 +8,7 @@
 use super::direct::{AT_EYE, Asks, DOWN, Direct, Pixels, Scratch, rows_of};
 use super::first::First;
 use super::shading::{Row, Shading, Vectors};
+use super::smooth::seen_from;
 use crate::math::DBounds;
 use crate::math::bits;
 use crate::math::{BUNDLE, PACKET};
@@ -43,6 +44,8 @@ struct Rows {
     width: Row<f32>,
     /// Parts of the hit surfaces.
     part: Row<u32>,
+    /// Their unit geometric normals, if these are requested.
+    normal: Vectors,
     /// Light from the hits or from the background, and alpha.
     lit: [Row<f32>; 4],
     /// Errors of stand-ins, in world units.
@@ -52,7 +55,7 @@ struct Rows {
 impl Default for Rows {
     fn default() -> Self {
         let none = [0.0; PACKET];
-        Self { dir: [none; 3], width: none, part: [0; PACKET], lit: [none; 4], error: none }
+        Self { dir: [none; 3], width: none, part: [0; PACKET], normal: [none; 3], lit: [none; 4], error: none }
     }
 }
 
@@ -203,6 +206,15 @@ impl<'v> Direct<'v> {
             return Outcome::Met(met);
         }
         seen.each(&at, &rows.dir, &mut shading.normal, &mut rows.part);
+        if self.may_meet_eye(placed, met & !seen.cells(), group.walk().distances(), &rows.dir, shading) {
+            return Outcome::Met(met);
+        }
+        if self.asks.normals {
+            rows.normal = shading.normal;
+        }
+        if at.tree().has_normals() && !seen.smooth(&at, &rows.dir, &*group, seen_from, &mut shading.normal) {
+            return Outcome::Met(met);
+        }
         let mut left = met;
         while left != 0 {
             let part = rows.part[left.trailing_zeros() as usize];
@@ -223,9 +235,6 @@ impl<'v> Direct<'v> {
             shading.facing = *seen.stand_ins().along();
         }
         shading.begin(self.isa(), &rows.dir, [met, seen.cells()], self.ambient);
-        if self.may_meet_eye(placed, met & !seen.cells(), group.walk().distances(), shading) {
-            return Outcome::Met(met);
-        }
         shading.add_headlights(self.isa(), &self.view.scene.lights);
         rows.lit = rows_of(backs);
         shading.put(self.isa(), met, &mut rows.lit);
@@ -236,12 +245,12 @@ impl<'v> Direct<'v> {
     }
 
     /// True if the plane of a triangle that one of `rays` hits, at distance `t`, may go through the eye.
-    fn may_meet_eye(&self, placed: u32, rays: u32, t: &Row<f32>, shading: &Shading) -> bool {
+    fn may_meet_eye(&self, placed: u32, rays: u32, t: &Row<f32>, dir: &[Row<f32>; 3], shading: &Shading) -> bool {
         let p = &self.view.scene.placement.placed[placed as usize];
         // Coordinates are within the tree's extent, or a few of it; and the cosines have roundings of their own.
         let most = 4.0 * AT_EYE * p.extent();
         let eye = DBounds { min: self.rays.eye() - most, max: self.rays.eye() + most };
-        p.bounds.overlaps(&eye) && shading.least_height(self.isa(), rays, t) <= most as f32
+        p.bounds.overlaps(&eye) && shading.least_height(self.isa(), rays, [dir, &shading.normal], t) <= most as f32
     }
 
     /// Stores the first surface of each pixel.
@@ -259,8 +268,11 @@ impl<'v> Direct<'v> {
             }
         }
         if self.asks.normals {
-            first.normal = [[0.0; 3]; PACKET];
-            bits(met).for_each(|i| first.normal[i] = shading.normal.map(|row| row[i]));
+            (first.normal, first.shading_normal) = ([[0.0; 3]; PACKET], [[0.0; 3]; PACKET]);
+            for i in bits(met) {
+                first.normal[i] = rows.normal.each_ref().map(|row| row[i]);
+                first.shading_normal[i] = shading.normal.each_ref().map(|row| row[i]);
+            }
         }
         if self.asks.ids {
             (first.part, first.instance) = ([NONE; PACKET], [NONE; PACKET]);

@@ -101,8 +101,9 @@ impl Shading {
     }
 
     /// Returns the least distance of the eye from the planes of the triangles that `rays` hit at distance `t`.
-    pub fn least_height(&self, isa: Isa, rays: u32, t: &Row<f32>) -> f32 {
-        dispatch(isa, LeastHeight { facing: &self.facing, rays, t })
+    /// `across`: the rays' unit directions, and the triangles' unit normals.
+    pub fn least_height(&self, isa: Isa, rays: u32, across: [&Vectors; 2], t: &Row<f32>) -> f32 {
+        dispatch(isa, LeastHeight { across, rays, t })
     }
 
     /// Returns the light from the hit of ray `i`.
@@ -203,7 +204,7 @@ impl Op for Headlights<'_> {
 }
 
 struct LeastHeight<'a> {
-    facing: &'a Row<f32>,
+    across: [&'a Vectors; 2],
     rays: u32,
     t: &'a Row<f32>,
 }
@@ -213,9 +214,10 @@ impl Op for LeastHeight<'_> {
 
     #[inline(always)]
     fn run<S: Simd>(self, _: S) -> f32 {
+        let Self { across: [dir, normal], .. } = self;
         let mut height = [0.0; PACKET];
         for i in 0..PACKET {
-            let of_hit = (self.t[i] * self.facing[i]).abs();
+            let of_hit = (self.t[i] * column(dir, i).dot(column(normal, i))).abs();
             height[i] = if self.rays >> i & 1 == 1 { of_hit } else { f32::INFINITY };
         }
         height.into_iter().fold(f32::INFINITY, f32::min)

@@ -169,7 +169,8 @@ impl Baker for BruteBaker {
         };
         let prims = list.iter().map(|&i| input.prims[i as usize]).collect();
         let colours = list.iter().filter_map(|&i| input.colours.get(i as usize).copied()).collect();
-        vec![BakedBlock { prims, colours, ..block(LIST, list.len(), list.iter().flat_map(words)) }]
+        let normals = list.iter().filter_map(|&i| input.normals.get(i as usize)).flatten().copied().collect();
+        vec![BakedBlock { prims, colours, normals, ..block(LIST, list.len(), list.iter().flat_map(words)) }]
     }
 
     fn join(tops: Vec<Top>) -> Result<UpperTree> {

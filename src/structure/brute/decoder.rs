@@ -4,25 +4,24 @@ use super::layout::{Block, Range, Row, check, triangle};
 use crate::base::ids::BlockId;
 use crate::lod::Coded;
 use crate::residency::{BlockClass, Decoder};
-use crate::store::TreeRow;
+use crate::store::{Header, TreeRow};
 use crate::structure::open::ListedParts;
-use crate::structure::streams;
+use crate::structure::streams::{self, Kind, Streams};
 
 /// Decodes the blocks of a model of structure `brute`.
 #[derive(Debug, Clone)]
 pub struct BruteDecoder {
-    /// Number of geometry blocks. Blocks with primitive ids follow them, then blocks with colours.
-    geometry_blocks: u32,
+    streams: Streams,
     /// Block ranges of the trees, ascending.
     trees: Vec<Range>,
 }
 
 impl BruteDecoder {
-    /// A decoder for a model with `geometry_blocks` geometry blocks, which belong to `trees`.
-    pub fn new(geometry_blocks: u32, trees: &[TreeRow]) -> Self {
+    /// A decoder for a model with this header and these trees.
+    pub fn new(header: &Header, trees: &[TreeRow]) -> Self {
         let range =
             |t: &TreeRow| Range { lists: t.first_block + t.class_blocks[0], end: t.first_block + t.block_count };
-        Self { geometry_blocks, trees: trees.iter().map(range).collect() }
+        Self { streams: Streams::of(header), trees: trees.iter().map(range).collect() }
     }
 
     fn tree_of(&self, id: u32) -> Option<Range> {
@@ -32,8 +31,8 @@ impl BruteDecoder {
 
 impl Decoder for BruteDecoder {
     fn decode(&self, id: BlockId, payload: &[u8], words: usize) -> Result<Vec<u32>, String> {
-        match id.0 / self.geometry_blocks.max(1) {
-            0 => {
+        match self.streams.kind(id) {
+            Kind::Geometry => {
                 let tree = self.tree_of(id.0).ok_or("the block belongs to no tree")?;
                 let (file, rest) = payload.as_chunks();
                 if file.len() != words {
@@ -46,14 +45,12 @@ impl Decoder for BruteDecoder {
                 check(&words, id.0, tree)?;
                 Ok(words)
             }
-            1 => streams::decode_prims(payload, words),
-            _ => streams::decode_colours(payload, words),
+            kind => streams::decode(kind, payload, words),
         }
     }
 
     fn class(&self, id: BlockId) -> BlockClass {
-        // Primitive ids are read only on request.
-        let is_read_ahead = id.0 / self.geometry_blocks.max(1) != 1;
+        let is_read_ahead = self.streams.is_read_ahead(id);
         let is_coarse = self.tree_of(id.0).is_some_and(|tree| id.0 < tree.lists);
         BlockClass { is_coarse, is_read_ahead, ..BlockClass::default() }
     }

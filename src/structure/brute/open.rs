@@ -16,6 +16,8 @@ pub struct Start {
     prims_at: u32,
     /// The same difference for colours; `None` if the model has none.
     colours_at: Option<u32>,
+    /// The same difference for normals; `None` if the model has none.
+    normals_at: Option<u32>,
 }
 
 impl Start {
@@ -33,7 +35,8 @@ impl Start {
         Ok(Self {
             first_block: (!is_empty).then_some(row.first_block),
             prims_at: header.geometry_blocks,
-            colours_at: header.has_colours.then_some(2 * header.geometry_blocks),
+            colours_at: header.colours_at(),
+            normals_at: header.normals_at(),
         })
     }
 
@@ -44,7 +47,7 @@ impl Start {
 
     /// The tree in a snapshot.
     pub fn view<'a>(&self, snapshot: &'a Snapshot, max_coord: f32, isa: Isa, visit: Visit<'a>) -> TreeView<'a> {
-        let Self { first_block, prims_at, colours_at } = *self;
-        TreeView { snapshot, first_block, max_coord, prims_at, colours_at, isa, visit }
+        let Self { first_block, prims_at, colours_at, normals_at } = *self;
+        TreeView { snapshot, first_block, max_coord, prims_at, colours_at, normals_at, isa, visit }
     }
 }

@@ -8,6 +8,7 @@ use crate::base::ids::BlockId;
 use crate::geom::Shear;
 use crate::geom::watertight::{Sheared, intersect, shear};
 use crate::lod::Coded;
+use crate::math::octahedral;
 use crate::math::{Bounds, Cone, bits};
 use crate::residency::Snapshot;
 use crate::simd::{Isa, Lanes, Op, Simd, dispatch};
@@ -18,6 +19,7 @@ use crate::structure::filter::PartFilter;
 use crate::structure::hit::{Outcome, StandIn, TriHit, Triangle};
 use crate::structure::place::{Place, Rooted};
 use crate::structure::ray::{self, LocalRay};
+use crate::structure::streams::colours_of;
 use crate::structure::tree::Visit;
 use crate::structure::walk::{Entry, Walk, push_sorted};
 use glam::Vec3;
@@ -36,6 +38,8 @@ pub struct TreeView<'a> {
     pub prims_at: u32,
     /// The same difference for colours; `None` if the model has none.
     pub colours_at: Option<u32>,
+    /// Offset from the id of a block to the id of the block that holds its normals; `None` if each triangle's is its own.
+    pub normals_at: Option<u32>,
     /// Instruction set to trace with.
     pub isa: Isa,
     /// Options of walks.
@@ -237,21 +241,31 @@ impl<'a> TreeView<'a> {
 
     /// Returns the primitive id of a hit, or the block that is needed for it.
     pub fn prim(&self, hit: &TriHit) -> Result<u32, BlockId> {
-        self.beside(hit, self.prims_at)
-    }
-
-    /// Returns the sRGB colour of a hit's triangle, or the block that is needed for it; `None` if the model has no
-    /// colours.
-    pub fn colour(&self, hit: &TriHit) -> Result<Option<[u8; 4]>, BlockId> {
-        let Some(at) = self.colours_at else { return Ok(None) };
-        self.beside(hit, at).map(|colour| Some(colour.to_le_bytes()))
-    }
-
-    fn beside(&self, hit: &TriHit, offset: u32) -> Result<u32, BlockId> {
-        let id = BlockId(hit.block + offset);
-        let words = self.visited(id.0).ok_or(id)?;
+        let words = self.beside(hit, self.prims_at)?;
         // Only a deliberately malformed file has fewer words than its block has triangles.
         Ok(words.get(hit.tri as usize).copied().unwrap_or(u32::MAX))
+    }
+
+    /// See [`crate::structure::Tree::colours`].
+    pub fn colours(&self, hit: &TriHit) -> Result<Option<[[u8; 4]; 3]>, BlockId> {
+        let Some(at) = self.colours_at else { return Ok(None) };
+        Ok(Some(colours_of(self.beside(hit, at)?, hit.tri as usize)))
+    }
+
+    /// See [`crate::structure::Tree::normals`].
+    pub fn normals(&self, hit: &TriHit) -> Result<Option<[Vec3; 3]>, BlockId> {
+        let Some(at) = self.normals_at else { return Ok(None) };
+        let codes: Option<&[u32; 3]> = self.beside(hit, at)?.as_chunks().0.get(hit.tri as usize);
+        let own = self
+            .triangle(hit)
+            .map_or(Vec3::Z, |t| (t.vertices[1] - t.vertices[0]).cross(t.vertices[2] - t.vertices[0]).normalize());
+        let normal = |code: u32| if code < 2 { own } else { octahedral::decode(code) };
+        Ok(codes.filter(|codes| codes.iter().any(|code| *code >= 2)).map(|codes| codes.map(normal)))
+    }
+
+    fn beside(&self, hit: &TriHit, offset: u32) -> Result<&'a [u32], BlockId> {
+        let id = BlockId(hit.block + offset);
+        self.visited(id.0).ok_or(id)
     }
 
     /// See [`crate::structure::Tree::parts_in_cell`].

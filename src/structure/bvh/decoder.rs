@@ -5,17 +5,16 @@ use super::codec_leaves::leaves_in_order;
 use super::layout::{Block, COARSE, Child, FINE, INDEX_MASK, KIND_SHIFT, MAX_WORDS, NODE_WORDS, WIDTH};
 use crate::base::ids::BlockId;
 use crate::residency::{BlockClass, Decoder, Entries, MOST_NODES, Reference, Snapshot, Statements};
-use crate::store::TreeRow;
+use crate::store::{Header, TreeRow};
 use crate::structure::open::ListedParts;
-use crate::structure::streams;
+use crate::structure::streams::{self, Kind, Streams};
 use std::collections::HashSet;
 use std::hash::{BuildHasher, RandomState};
 
 /// Decodes the blocks of a model of structure `bvh`.
 #[derive(Debug, Clone)]
 pub struct BvhDecoder {
-    /// Number of geometry blocks. Blocks with primitive ids follow them, then blocks with colours.
-    geometry_blocks: u32,
+    streams: Streams,
     /// Block ranges of the trees, ascending.
     trees: Vec<TreeBlocks>,
     /// Key of the hash by which two lists of leaf positions are compared. It is random for each decoder, so no file can
@@ -52,8 +51,8 @@ impl BvhDecoder {
     /// Bytes of memory for each tree.
     pub const BYTES_A_TREE: usize = size_of::<TreeBlocks>();
 
-    /// A decoder for a model with `geometry_blocks` geometry blocks, which belong to `trees`.
-    pub fn new(geometry_blocks: u32, trees: &[TreeRow]) -> Self {
+    /// A decoder for a model with this header and these trees.
+    pub fn new(header: &Header, trees: &[TreeRow]) -> Self {
         let blocks = |t: &TreeRow| TreeBlocks {
             coarse_end: t.first_block + t.class_blocks[COARSE],
             fine_end: t.first_block + t.class_blocks[COARSE] + leaves_at(t),
@@ -61,7 +60,7 @@ impl BvhDecoder {
             leaves_at: leaves_at(t),
             is_one: t.block_count == 1,
         };
-        Self { geometry_blocks, trees: trees.iter().map(blocks).collect(), key: RandomState::new() }
+        Self { streams: Streams::of(header), trees: trees.iter().map(blocks).collect(), key: RandomState::new() }
     }
 
     /// Returns the tree that a geometry block belongs to.
@@ -91,16 +90,15 @@ impl BvhDecoder {
 
 impl Decoder for BvhDecoder {
     fn decode(&self, id: BlockId, payload: &[u8], words: usize) -> Result<Vec<u32>, String> {
-        match id.0 / self.geometry_blocks.max(1) {
+        match self.streams.kind(id) {
             // Geometry takes the memory of a block of the greatest size at most.
-            0 => self.geometry(id.0, payload),
-            1 => streams::decode_prims(payload, words),
-            _ => streams::decode_colours(payload, words),
+            Kind::Geometry => self.geometry(id.0, payload),
+            kind => streams::decode(kind, payload, words),
         }
     }
 
     fn statements(&self, id: BlockId, words: &[u32]) -> Statements {
-        if id.0 >= self.geometry_blocks {
+        if self.streams.kind(id) != Kind::Geometry {
             return Statements::default();
         }
         let block = Block::new(words);
@@ -116,8 +114,7 @@ impl Decoder for BvhDecoder {
     }
 
     fn class(&self, id: BlockId) -> BlockClass {
-        // Primitive ids are read only on request.
-        let is_read_ahead = id.0 / self.geometry_blocks.max(1) != 1;
+        let is_read_ahead = self.streams.is_read_ahead(id);
         let Some(tree) = self.tree_of(id.0) else { return BlockClass { is_read_ahead, ..BlockClass::default() } };
         let is_fine = (tree.coarse_end..tree.fine_end).contains(&id.0);
         BlockClass {

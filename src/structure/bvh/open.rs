@@ -19,11 +19,14 @@ pub struct Start {
     prims_at: u32,
     /// See [`TreeView::colours_at`].
     colours_at: Option<u32>,
+    /// See [`TreeView::normals_at`].
+    normals_at: Option<u32>,
 }
 
 impl Start {
     /// Start of a tree without blocks.
-    pub const NONE: Self = Self { first_block: 0, leaves_at: 0, root: TreeView::EMPTY, prims_at: 0, colours_at: None };
+    pub const NONE: Self =
+        Self { first_block: 0, leaves_at: 0, root: TreeView::EMPTY, prims_at: 0, colours_at: None, normals_at: None };
 
     /// Returns the start of a tree of `file`. Fails with the fault if the root is not a node or the numbers of blocks
     /// contradict each other. The root's existence is checked when its block is read.
@@ -45,7 +48,8 @@ impl Start {
             leaves_at: leaves_at(row),
             root: if is_empty { TreeView::EMPTY } else { row.root as u32 },
             prims_at: header.geometry_blocks,
-            colours_at: header.has_colours.then_some(2 * header.geometry_blocks),
+            colours_at: header.colours_at(),
+            normals_at: header.normals_at(),
         })
     }
 
@@ -66,6 +70,7 @@ impl Start {
             leaves_at: self.leaves_at,
             prims_at: self.prims_at,
             colours_at: self.colours_at,
+            normals_at: self.normals_at,
             isa,
             accept_missing,
             opaque_cells,

@@ -10,7 +10,7 @@ use crate::scenes::{self, Mesh};
 use crate::trace::Task;
 use glam::{DVec3, Vec3};
 use outcrop::build::{BuildReport, Builder};
-use outcrop::import::{MeshKey, PartDesc, PartKey, Sink};
+use outcrop::import::{Attributes, MeshKey, PartDesc, PartKey, Sink};
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::sync::Arc;
@@ -123,7 +123,7 @@ fn push(builder: &mut Builder, mesh: &Mesh) -> Outcome {
         for triangles in mesh.triangles[at..at + run.len()].chunks(PUSHED) {
             pushed.clear();
             pushed.extend(triangles.iter().map(|t| t.map(corner)));
-            builder.triangles(MeshKey::DIRECT, key, &pushed, None)?;
+            builder.triangles(MeshKey::DIRECT, key, &pushed, Attributes::NONE)?;
         }
         at += run.len();
     }

@@ -35,7 +35,7 @@ impl OneTree {
             return Ok(None);
         }
         let geometry = file.header().geometry_blocks;
-        let decoder = BvhDecoder::new(geometry, file.trees());
+        let decoder = BvhDecoder::new(file.header(), file.trees());
         let blocks = ModelBlocks::new(Arc::clone(&file), Box::new(decoder), &Residency::with_budget(u64::MAX))?;
         blocks.fetch(&(0..geometry).map(BlockId).collect::<Vec<_>>(), &Cancel::new())?;
         Ok(Some(Self { file, blocks }))
@@ -95,6 +95,7 @@ impl OneTree {
             leaves_at: leaves_at(row),
             prims_at: self.file.header().geometry_blocks,
             colours_at: None,
+            normals_at: None,
             isa: Isa::Baseline,
             accept_missing: false,
             opaque_cells: false,

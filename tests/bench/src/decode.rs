@@ -43,7 +43,7 @@ impl Stored {
             file.read_stored(id, id, &mut bytes)?;
             blocks.push(bytes);
         }
-        Ok(Self { decoder: BvhDecoder::new(count, file.trees()), file, blocks })
+        Ok(Self { decoder: BvhDecoder::new(file.header(), file.trees()), file, blocks })
     }
 
     /// As blocks are loaded, one after the other. Hashing what they become is not timed.

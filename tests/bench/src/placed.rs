@@ -5,7 +5,7 @@ use crate::failure::Outcome;
 use crate::scenes::Mesh;
 use glam::{DAffine3, DVec3};
 use outcrop::import::collect::{CollectedTriangle, Collector};
-use outcrop::import::{MeshKey, Sink};
+use outcrop::import::{Attributes, MeshKey, Sink};
 use std::sync::Arc;
 
 /// Triangles handed to a sink at once.
@@ -76,7 +76,7 @@ pub fn flatten(input: &Collector, models: &[DAffine3], sink: &mut dyn Sink) -> O
                         some.iter()
                             .map(|t: &CollectedTriangle| t.positions.map(|p| world_from_mesh.transform_point3(p))),
                     );
-                    sink.triangles(MeshKey::DIRECT, first_part + run[0].part, &batch, None)?;
+                    sink.triangles(MeshKey::DIRECT, first_part + run[0].part, &batch, Attributes::NONE)?;
                 }
             }
         }
@@ -97,9 +97,9 @@ mod tests {
             input.part(PartDesc::default()).expect("a part");
         }
         let mesh = input.shared_mesh(2).expect("a mesh");
-        input.triangles(mesh, 0, &[triangle], None).expect("triangles");
-        input.triangles(mesh, 1, &[triangle, triangle], None).expect("triangles");
-        input.triangles(MeshKey::DIRECT, 0, &[triangle], None).expect("triangles");
+        input.triangles(mesh, 0, &[triangle], Attributes::NONE).expect("triangles");
+        input.triangles(mesh, 1, &[triangle, triangle], Attributes::NONE).expect("triangles");
+        input.triangles(MeshKey::DIRECT, 0, &[triangle], Attributes::NONE).expect("triangles");
         let up = DAffine3::from_translation(DVec3::Z);
         input.instance(mesh, up, 2).expect("an instance");
         let models = [DAffine3::IDENTITY, DAffine3::from_translation(10.0 * DVec3::Z)];

@@ -11,7 +11,7 @@ use outcrop::base::progress::{Cancel, Progress};
 use outcrop::build::{BuildOptions, BuildReport, Builder};
 use outcrop::import::collect::Collector;
 use outcrop::import::generate::{GenerateOptions, generate};
-use outcrop::import::{MeshKey, PartDesc, ReadOptions, Sink, read_file};
+use outcrop::import::{Attributes, MeshKey, PartDesc, ReadOptions, Sink, read_file};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -88,7 +88,7 @@ impl Scene {
             }
             Source::Triangles(triangles) => {
                 let part = sink.part(PartDesc { id: Some(1), name: self.row.name.clone(), ..PartDesc::default() })?;
-                sink.triangles(MeshKey::DIRECT, part, triangles, None)?;
+                sink.triangles(MeshKey::DIRECT, part, triangles, Attributes::NONE)?;
             }
             Source::File(path) => read_file(path, &ReadOptions::default(), sink)?,
             Source::Assembly(kind) => kind.fill(&self.row, sink)?,

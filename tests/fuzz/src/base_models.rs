@@ -7,7 +7,7 @@ use glam::{DAffine3, DVec3};
 use outcrop::base::ids::BlockId;
 use outcrop::base::progress::{Cancel, Progress};
 use outcrop::build::Builder;
-use outcrop::import::{MaterialDesc, MeshKey, PartDesc, Sink};
+use outcrop::import::{Attributes, MaterialDesc, MeshKey, PartDesc, Sink};
 use outcrop::store::{Header, InstanceRow, MaterialRow, MemorySource, ModelFile, PartRow, TreeRow};
 use std::sync::{Arc, OnceLock};
 
@@ -48,13 +48,20 @@ fn built(count: usize, with_more: bool) -> Vec<u8> {
     for id in 0..parts {
         let key = part(&mut builder, 100 + id, (id == 1).then_some(material));
         let some = triangles(count / parts as usize, size);
-        let colours = vec![[id as f32 / 2.0, 0.5, 0.25]; some.len()];
-        builder.triangles(MeshKey::DIRECT, key, &some, with_more.then_some(&colours)).expect("triangles");
+        let colours = vec![[[id as f32 / 2.0, 0.5, 0.25], [0.5; 3], [0.5; 3]]; some.len()];
+        builder
+            .triangles(
+                MeshKey::DIRECT,
+                key,
+                &some,
+                if with_more { Attributes::colours(&colours) } else { Attributes::NONE },
+            )
+            .expect("triangles");
     }
     if with_more {
         let mesh = builder.shared_mesh(2).expect("a mesh");
-        builder.triangles(mesh, 0, &triangles(4, 1.0), None).expect("triangles");
-        builder.triangles(mesh, 1, &triangles(5, 1.0), None).expect("triangles");
+        builder.triangles(mesh, 0, &triangles(4, 1.0), Attributes::NONE).expect("triangles");
+        builder.triangles(mesh, 1, &triangles(5, 1.0), Attributes::NONE).expect("triangles");
         for i in 0..2 {
             let first = part(&mut builder, 200 + 10 * i, None);
             part(&mut builder, 201 + 10 * i, None);

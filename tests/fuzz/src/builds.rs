@@ -14,7 +14,7 @@ use glam::{DAffine3, DVec3, Vec3};
 use outcrop::Error;
 use outcrop::base::progress::{Cancel, Progress};
 use outcrop::build::{BuildOptions, Builder, Splits};
-use outcrop::import::{MeshKey, PartDesc, Sink};
+use outcrop::import::{Attributes, MeshKey, PartDesc, Sink};
 use outcrop::math::Ray;
 use outcrop::query::{Hit, HitKind, QueryOptions, Want};
 use outcrop::scene::{Context, ContextOptions, Model, Scene, SceneState};
@@ -206,10 +206,10 @@ impl Case {
             builder.part(PartDesc { id: Some(u64::from(id) + 100), ..PartDesc::default() }).expect("a part");
         }
         for (part, triangle) in &self.direct {
-            builder.triangles(MeshKey::DIRECT, *part, &[*triangle], None).expect("a triangle");
+            builder.triangles(MeshKey::DIRECT, *part, &[*triangle], Attributes::NONE).expect("a triangle");
         }
         let mesh = builder.shared_mesh(1).expect("a mesh");
-        builder.triangles(mesh, 0, &self.shared, None).expect("triangles");
+        builder.triangles(mesh, 0, &self.shared, Attributes::NONE).expect("triangles");
         let mut placed = 0;
         for at in &self.instances {
             // Refused if it is not invertible.

@@ -4,7 +4,9 @@
 use super::{builds, files, not_internal, within};
 use glam::{DAffine3, DVec3};
 use outcrop::base::progress::Cancel;
-use outcrop::import::{MaterialDesc, MaterialKey, MeshKey, PartDesc, PartKey, ReadOptions, Sink, UpAxis, read_file};
+use outcrop::import::{
+    Attributes, MaterialDesc, MaterialKey, MeshKey, PartDesc, PartKey, ReadOptions, Sink, UpAxis, read_file,
+};
 use outcrop::{Error, Result};
 use std::path::Path;
 
@@ -122,12 +124,12 @@ impl Sink for Checker {
         mesh: MeshKey,
         part: u32,
         positions: &[[DVec3; 3]],
-        colours: Option<&[[f32; 3]]>,
+        attributes: Attributes<'_>,
     ) -> Result<()> {
         let parts = if mesh == MeshKey::DIRECT { self.parts } else { self.local_parts(mesh) };
         assert!(part < parts, "part {part} of {parts}");
-        assert!(colours.is_none_or(|colours| colours.len() == positions.len()));
-        let mut numbers = colours.into_iter().flatten().flatten();
+        attributes.check(positions.len()).expect("as many values as triangles");
+        let mut numbers = attributes.colours.into_iter().flatten().flatten().flatten();
         assert!(numbers.all(|x| !x.is_nan()), "a colour is NaN");
         self.triangles += positions.len() as u64;
         if mesh != MeshKey::DIRECT {

@@ -211,7 +211,7 @@ fn alpha_counts_by_the_mode() {
         document.json["materials"] = json!([{ "alphaMode": mode, "alphaCutoff": cutoff, "pbrMetallicRoughness": {
             "baseColorTexture": { "index": 0 }, "baseColorFactor": [1, 1, 1, alpha] } }]);
         let sink = document.read();
-        let colours: Vec<_> = sink.direct().iter().map(|t| t.colour.unwrap()).collect();
+        let colours: Vec<_> = sink.direct().iter().map(|t| t.colour().unwrap()).collect();
         (colours, sink.materials[0].opacity, sink.notes)
     };
     let (green, red, white) = ([0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [1.0; 3]);

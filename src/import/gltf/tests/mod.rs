@@ -356,7 +356,7 @@ fn materials_keep_their_factors() {
         document.json["materials"] = json!([material]);
         let sink = document.read();
         assert_eq!(sink.parts[0].material, Some(0));
-        assert_eq!(sink.direct()[0].colour, None);
+        assert_eq!(sink.direct()[0].colour(), None);
         sink.materials[0]
     };
     let factors = json!({ "baseColorFactor": [0.5, 0.25, 1.0, 0.4], "metallicFactor": 0.0, "roughnessFactor": 0.75 });

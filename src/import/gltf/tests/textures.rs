@@ -34,7 +34,7 @@ pub(super) fn textured(picture: &[u8]) -> Document {
 }
 
 fn colours(sink: &Collector) -> Vec<[f32; 3]> {
-    sink.direct().iter().map(|t| t.colour.expect("a colour")).collect()
+    sink.direct().iter().map(|t| t.colour().expect("a colour")).collect()
 }
 
 #[test]
@@ -78,7 +78,7 @@ fn pictures_that_cannot_be_read_are_noted() {
         ),
     ] {
         let sink = textured(&picture).read();
-        assert_eq!(sink.direct()[0].colour, None);
+        assert_eq!(sink.direct()[0].colour(), None);
         assert!(sink.notes.len() == 1 && sink.notes[0].contains(words), "{:?}", sink.notes);
     }
     let mut document = textured(&png(1, 1, &[255; 4]));
@@ -149,7 +149,7 @@ fn a_picture_is_decoded_once() {
     let before = DECODED.get();
     let sink = document.read();
     assert_eq!((DECODED.get() - before, sink.received, sink.materials.len()), (1, 64, 32));
-    assert!(sink.direct().iter().all(|t| t.colour.is_some()));
+    assert!(sink.direct().iter().all(|t| t.colour().is_some()));
     let uri = format!("data:image/png;base64,{}", base64::engine::general_purpose::STANDARD.encode(&picture));
     document.json["images"] = (0..32).map(|_| json!({ "uri": uri })).collect();
     let before = DECODED.get();

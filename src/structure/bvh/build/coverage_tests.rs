@@ -37,7 +37,7 @@ fn marked(
 ) -> Result<(Vec<Piece>, Vec<Ref>)> {
     let parts = vec![0; triangles.len()];
     let prims: Vec<u32> = (0..triangles.len() as u32).collect();
-    let input = TreeInput { triangles, parts: &parts, prims: &prims, colours: &[], part_colours: &[] };
+    let input = TreeInput { triangles, parts: &parts, prims: &prims, colours: &[], normals: &[], part_colours: &[] };
     let par = Par { threads };
     let mut refs = refs::make(triangles, 0.5, &par).expect("room");
     let (progress, free) = (Progress::default(), Cancel::new());

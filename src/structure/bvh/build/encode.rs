@@ -1,5 +1,5 @@
-//! Encodes a plan: the trace form of its block or its two blocks, with the primitive ids and colours that belong to
-//! them.
+//! Encodes a plan: the trace form of its block or its two blocks, with the primitive ids, colours and normals
+//! that belong to them.
 
 use super::cluster::Plan;
 use super::leaf::LeafShape;
@@ -9,11 +9,13 @@ use crate::lod::{Coded, SIDES_WORDS};
 use crate::simd::Portable;
 use crate::structure::bake::TreeInput;
 use crate::structure::bvh::layout::{
-    Child, EXTERNAL_WORDS, HEADER_WORDS, LONG_VOXEL, MAX_VERTICES, NODE_WORDS, Node, PAD_WORDS, SHORT_VOXEL,
-    leaf_block_head, put_transmitting,
+    Child, EXTERNAL_WORDS, HEADER_WORDS, LONG_VOXEL, MAX_TRIANGLES, MAX_VERTICES, NODE_WORDS, Node, PAD_WORDS,
+    SHORT_VOXEL, leaf_block_head, put_transmitting,
 };
 use crate::structure::bvh::leaf::{APART, STEP_BYTES, index_words, put_coordinates};
+use crate::structure::bvh::normals::{self, LeafNormals};
 use bytemuck::must_cast;
+use glam::Vec3;
 
 /// One encoded block.
 #[derive(Default)]
@@ -22,8 +24,10 @@ pub struct TreeBlock {
     pub words: Vec<u32>,
     /// Primitive id of each triangle of the block.
     pub prims: Vec<u32>,
-    /// Colour of each triangle of the block; empty if the input has none.
-    pub colours: Vec<[u8; 4]>,
+    /// Colours of the corners of each triangle of the block; empty if the input has none.
+    pub colours: Vec<[[u8; 4]; 3]>,
+    /// Trace form of the normals; empty if each is that of its triangle.
+    pub normals: Vec<u32>,
     /// Local parts of the triangles in and below the block, see [`crate::structure::bake::BakedBlock`].
     pub parts: Vec<u32>,
     /// Blocks of other plans that the block refers to.
@@ -45,7 +49,8 @@ struct Encoder<'a> {
     /// Node and slot of each external reference.
     externals: Vec<u32>,
     prims: Vec<u32>,
-    colours: Vec<[u8; 4]>,
+    colours: Vec<[[u8; 4]; 3]>,
+    normals: normals::Encoder,
 }
 
 /// Encodes a block; `first_block` is the id of the tree's block 0. Returns the block, and its leaf block if it has one.
@@ -64,6 +69,7 @@ pub fn encode(plan: &Plan, first_block: u32, input: TreeInput, refs: &[Ref]) -> 
         externals: Vec::new(),
         prims: Vec::new(),
         colours: Vec::new(),
+        normals: normals::Encoder::default(),
     };
     for root in &plan.roots {
         encoder.voxels_of(root);
@@ -103,7 +109,8 @@ pub fn encode(plan: &Plan, first_block: u32, input: TreeInput, refs: &[Ref]) -> 
     words.extend(encoder.voxels.iter().flat_map(|v| &v[..voxel_words]));
     words.extend(encoder.sides.as_flattened());
     put_transmitting(&mut words);
-    let Encoder { leaves, prims, colours, .. } = encoder;
+    let Encoder { leaves, prims, colours, normals, .. } = encoder;
+    let normals = normals.words();
     let mut below: Vec<u32> = plan.externals.iter().map(|&(block, _)| block).collect();
     below.sort_unstable();
     below.dedup();
@@ -111,11 +118,11 @@ pub fn encode(plan: &Plan, first_block: u32, input: TreeInput, refs: &[Ref]) -> 
     if !plan.has_leaf_block {
         words.extend(&leaves);
         words.extend([0; PAD_WORDS]);
-        return (TreeBlock { words, prims, colours, parts, below }, None);
+        return (TreeBlock { words, prims, colours, normals, parts, below }, None);
     }
     words.extend([0; PAD_WORDS]);
     let leaves = leaf_block(&plan.parts, &leaves, prims.len());
-    let leaves = TreeBlock { words: leaves, prims, colours, ..TreeBlock::default() };
+    let leaves = TreeBlock { words: leaves, prims, colours, normals, ..TreeBlock::default() };
     (TreeBlock { words, parts, ..TreeBlock::default() }, Some(leaves))
 }
 
@@ -198,6 +205,9 @@ impl Encoder<'_> {
         self.leaves.resize(own + 3 * MAX_VERTICES + STEP_BYTES / 4, 0);
         let words = put_coordinates(Portable::new(), &mut self.leaves[own..], form, bits.each_ref());
         self.leaves.truncate(own + words);
+        if !self.input.normals.is_empty() {
+            self.add_normals(&shape);
+        }
         for &t in &shape.triangles[..shape.count] {
             self.prims.push(self.input.prims[t as usize]);
             if !self.input.colours.is_empty() {
@@ -205,6 +215,20 @@ impl Encoder<'_> {
             }
         }
         at
+    }
+
+    fn add_normals(&mut self, shape: &LeafShape) {
+        let triangles = &shape.triangles[..shape.count];
+        let (mut corners, mut codes) = ([[Vec3::ZERO; 3]; MAX_TRIANGLES], [[0; 3]; MAX_TRIANGLES]);
+        for (i, &t) in triangles.iter().enumerate() {
+            (corners[i], codes[i]) = (self.input.triangles[t as usize], self.input.normals[t as usize]);
+        }
+        self.normals.push(&LeafNormals {
+            triangles: &corners[..shape.count],
+            codes: &codes[..shape.count],
+            corners: &shape.corners[..shape.count],
+            vertices: shape.vertex_count,
+        });
     }
 
     /// Returns the index of a triangle's part among the parts of the block.

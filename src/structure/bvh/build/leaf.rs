@@ -201,7 +201,7 @@ mod tests {
             let triangles: Vec<[Vec3; 3]> = corners.iter().enumerate().map(triangle).collect();
             let prims: Vec<u32> = (0..triangles.len() as u32).collect();
             let parts = &parts[..triangles.len()];
-            let input = TreeInput { triangles: &triangles, parts, prims: &prims, colours: &[], part_colours: &[] };
+            let input = TreeInput { triangles: &triangles, parts, prims: &prims, colours: &[], normals: &[], part_colours: &[] };
             let picked: Vec<usize> = picked.into_iter().map(|t| t % triangles.len()).collect();
             let refs: Vec<Ref> = picked.iter().map(|&t| Ref::new(Bounds::of(&triangles[t]), t as u32)).collect();
             let mut expected = picked.clone();

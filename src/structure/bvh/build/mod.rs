@@ -133,7 +133,8 @@ impl UpperTree {
 
     /// Encodes block `index`; `first_block` is the id of the tree's block 0.
     pub fn encode(&self, index: usize, first_block: u32) -> TreeBlock {
-        let nothing = TreeInput { triangles: &[], parts: &[], prims: &[], colours: &[], part_colours: &[] };
+        let nothing =
+            TreeInput { triangles: &[], parts: &[], prims: &[], colours: &[], normals: &[], part_colours: &[] };
         encode::encode(&self.plans[index], first_block, nothing, &[]).0
     }
 }

@@ -33,6 +33,7 @@ pub(in crate::structure) use stream::StreamLanes;
 
 use super::layout::{Block, Child, HEADER_WORDS, MAX_NODES, NODE_WORDS, WIDTH};
 use super::leaf::Leaf;
+use super::normals;
 use crate::base::ids::BlockId;
 use crate::residency::Snapshot;
 use crate::simd::Isa;
@@ -40,8 +41,10 @@ use crate::structure::cursor::Below;
 use crate::structure::filter::{PartFilter, ShownBlocks};
 use crate::structure::hit::{self, Counters, Outcome, TriHit, Triangle};
 use crate::structure::place::{Place, Rooted};
+use crate::structure::streams::colours_of;
 use crate::structure::walk::{self, Walk};
 use crate::structure::{packet, packet_prepare};
+use glam::Vec3;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
 /// One tree of a model in one snapshot. It is cheap to create; borrow it for as long as the job lasts.
@@ -61,6 +64,8 @@ pub struct TreeView<'a> {
     pub prims_at: u32,
     /// Offset from the id of a block to the id of the block that holds its colours; `None` if the model has none.
     pub colours_at: Option<u32>,
+    /// Offset from the id of a block to the id of the block that holds its normals; `None` if each triangle's is its own.
+    pub normals_at: Option<u32>,
     /// Instruction set to trace with.
     pub isa: Isa,
     /// True if cells stand in for blocks that are not in memory. Otherwise a walk that needs such a block returns
@@ -154,24 +159,35 @@ impl TreeView<'_> {
 
     /// Returns the primitive id of a hit. Fails with the id of a block that is not in memory.
     pub fn prim(&self, hit: &TriHit) -> Result<u32, BlockId> {
-        self.beside(hit, self.prims_at)
-    }
-
-    /// Returns the sRGB colour of a hit's triangle, or `None` if the model has no colours. Fails with the id of a block
-    /// that is not in memory.
-    pub fn colour(&self, hit: &TriHit) -> Result<Option<[u8; 4]>, BlockId> {
-        let Some(at) = self.colours_at else { return Ok(None) };
-        self.beside(hit, at).map(|c| Some(c.to_le_bytes()))
-    }
-
-    /// Returns the word of a hit's triangle in another block; `offset` leads from the id of the triangle's block to
-    /// that of the other one.
-    fn beside(&self, hit: &TriHit, offset: u32) -> Result<u32, BlockId> {
-        let Some((_, leaf, index)) = self.leaf_of(hit) else { return Err(BlockId(hit.block)) };
-        let id = BlockId(hit.block + offset);
-        let words = self.visit(id.0).ok_or(id)?;
+        let (words, leaf, index) = self.beside(hit, self.prims_at)?;
         // Only a corrupt file has fewer words here than the block has triangles.
         Ok(words.get(leaf.first + index).copied().unwrap_or(u32::MAX))
+    }
+
+    /// Returns the sRGB colours of the corners of a hit's triangle, or `None` if the model has no colours. Fails with
+    /// the id of a block that is not in memory.
+    pub fn colours(&self, hit: &TriHit) -> Result<Option<[[u8; 4]; 3]>, BlockId> {
+        let Some(at) = self.colours_at else { return Ok(None) };
+        let (words, leaf, index) = self.beside(hit, at)?;
+        Ok(Some(colours_of(words, leaf.first + index)))
+    }
+
+    /// Returns the unit normals at the corners of a hit's triangle, in the tree's frame, on the side from which the
+    /// corners appear counter-clockwise; `None` if they are the triangle's own. Fails with the id of a block that is
+    /// not in memory.
+    pub fn normals(&self, hit: &TriHit) -> Result<Option<[Vec3; 3]>, BlockId> {
+        let Some(at) = self.normals_at else { return Ok(None) };
+        let (words, leaf, index) = self.beside(hit, at)?;
+        Ok(normals::of_triangle(words, &leaf, index))
+    }
+
+    /// Returns the words of another block, the leaf of a hit's triangle, and the triangle's index in it; `offset` leads
+    /// from the id of the triangle's block to that of the other one.
+    #[inline(always)]
+    fn beside(&self, hit: &TriHit, offset: u32) -> Result<(&[u32], Leaf<'_>, usize), BlockId> {
+        let Some((_, leaf, index)) = self.leaf_of(hit) else { return Err(BlockId(hit.block)) };
+        let id = BlockId(hit.block + offset);
+        Ok((self.visit(id.0).ok_or(id)?, leaf, index))
     }
 
     /// Lists the children or the triangles of a place. Fails with the id of the place's block if that is not in memory.

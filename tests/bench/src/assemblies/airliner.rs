@@ -5,9 +5,9 @@ use crate::data::SceneRow;
 use crate::failure::Outcome;
 use glam::{DAffine3, DMat3, DVec3};
 use outcrop::base::progress::Cancel;
-use outcrop::import::Sink;
 use outcrop::import::collect::{CollectedTriangle, Collector};
 use outcrop::import::generate::{GenerateOptions, generate};
+use outcrop::import::{Attributes, Sink};
 use std::collections::BTreeMap;
 
 pub fn fill(row: &SceneRow, sink: &mut dyn Sink) -> Outcome {
@@ -31,7 +31,7 @@ pub fn fill(row: &SceneRow, sink: &mut dyn Sink) -> Outcome {
         let own: Vec<[DVec3; 3]> =
             triangles.iter().map(|t| t.positions.map(|p| part_from_world.transform_point3(p))).collect();
         let mesh = sink.shared_mesh(1)?;
-        sink.triangles(mesh, 0, &own, None)?;
+        sink.triangles(mesh, 0, &own, Attributes::NONE)?;
         sink.instance(mesh, world_from_part, part)?;
     }
     Ok(())

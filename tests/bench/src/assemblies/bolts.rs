@@ -6,7 +6,7 @@ use crate::common::rng::Rng;
 use crate::data::SceneRow;
 use crate::failure::Outcome;
 use glam::{DAffine3, DQuat, DVec3};
-use outcrop::import::{PartDesc, Sink};
+use outcrop::import::{Attributes, PartDesc, Sink};
 
 /// Distance of places, metres. A bolt is 3 long: neighbours come near each other, and boxes overlap.
 const SPACING: f64 = 3.6;
@@ -22,7 +22,7 @@ pub fn fill(row: &SceneRow, sink: &mut dyn Sink) -> Outcome {
     });
     let placed = first.collect::<Result<Vec<_>, outcrop::Error>>()?;
     let mesh = sink.shared_mesh(1)?;
-    sink.triangles(mesh, 0, &bolt.corners(), None)?;
+    sink.triangles(mesh, 0, &bolt.corners(), Attributes::NONE)?;
     for (place, part) in placed {
         sink.instance(mesh, place, part)?;
     }
