@@ -87,7 +87,8 @@ class oc_build_desc(Sized):
         ("temp_dir", c.c_char_p), ("metres_per_unit", c.c_double), ("up", c.c_uint32), ("splits", c.c_uint32),
         ("threads", c.c_uint32), ("reserved", c.c_uint32), ("resolve", oc_resolve_fn), ("resolve_user", c.c_void_p),
         ("trusted_folder", c.c_char_p), ("max_triangles", c.c_uint64), ("max_bytes", c.c_uint64),
-        ("trust_paths", c.c_uint32), ("reserved_2", c.c_uint32),
+        ("trust_paths", c.c_uint32), ("reserved_2", c.c_uint32), ("crease_angle", c.c_float),
+        ("reserved_3", c.c_uint32),
     ]
 
 
@@ -116,7 +117,8 @@ class oc_triangles(Sized):
         ("struct_size", c.c_uint32), ("mesh", c.c_uint32), ("part", c.c_uint64), ("positions", c.c_void_p),
         ("position_count", c.c_uint64), ("position_stride", c.c_uint64), ("indices", c.c_void_p),
         ("index_count", c.c_uint64), ("colours", c.c_void_p), ("colour_stride", c.c_uint64), ("scalar", c.c_uint32),
-        ("index", c.c_uint32),
+        ("index", c.c_uint32), ("normals", c.c_void_p), ("normal_stride", c.c_uint64),
+        ("position_colours", c.c_void_p), ("position_colour_stride", c.c_uint64),
     ]
 
 
@@ -129,6 +131,7 @@ class oc_build_report(Sized):
         ("dropped_out_of_range", c.c_uint64), ("parts", c.c_uint64), ("instances", c.c_uint64),
         ("geometry_bytes", c.c_uint64), ("file_bytes", c.c_uint64), ("seconds_read", c.c_double),
         ("seconds_build", c.c_double), ("seconds_write", c.c_double), ("position_error", c.c_double),
+        ("unusable_normals", c.c_uint64),
     ]
 
 
@@ -149,7 +152,8 @@ class oc_model_info(Sized):
         ("bounds_max", c.c_double * 3), ("metres_per_unit", c.c_double), ("triangles_in", c.c_uint64),
         ("triangles_stored", c.c_uint64), ("triangles_placed", c.c_uint64), ("file_bytes", c.c_uint64),
         ("geometry_bytes", c.c_uint64), ("resident_bytes", c.c_uint64), ("parts", c.c_uint32),
-        ("instances", c.c_uint32), ("blocks", c.c_uint32), ("has_colours", c.c_uint32),
+        ("instances", c.c_uint32), ("blocks", c.c_uint32), ("has_colours", c.c_uint32), ("has_normals", c.c_uint32),
+        ("reserved", c.c_uint32),
     ]
 
 
@@ -223,7 +227,7 @@ class oc_hit(c.Structure):
     _fields_ = [
         ("t", c.c_double), ("position", c.c_double * 3), ("t_free", c.c_double), ("part", c.c_uint64),
         ("instance", c.c_uint64), ("prim", c.c_uint64), ("normal", c.c_float * 3), ("uv", c.c_float * 2),
-        ("error", c.c_float), ("kind", c.c_uint32), ("reserved", c.c_uint32),
+        ("error", c.c_float), ("kind", c.c_uint32), ("shading_normal", c.c_float * 3),
     ]
 
 
@@ -486,5 +490,6 @@ BUFFERS: dict[int, tuple[str, int]] = {
     6: ("u8", 1),
     7: ("u1", 1),
     8: ("f4", 1),
+    9: ("f4", 3),
 }
 """Type and number of the elements of a pixel, by buffer."""

@@ -10,7 +10,7 @@ from typing import Any, Union
 from numpy.typing import ArrayLike
 
 from . import _abi, _values
-from ._arrays import address, given, matrix, vectors
+from ._arrays import Array, address, given, matrix, vectors
 from ._arrays import faces as checked_faces
 from ._callbacks import Entry, callback, find, forget, register
 from ._enums import Index, Resolution, Scalar, Status
@@ -123,6 +123,16 @@ def _report(job: Reference, _progress: Progress) -> BuildReport:
     return report
 
 
+def _rows(name: str, value: ArrayLike | None, count: int, of: str) -> Array | None:
+    """Returns float32 rows, one for each of `count`, or None."""
+    if value is None:
+        return None
+    rows = vectors(name, value).astype("f4", copy=False)
+    if len(rows) != count:
+        raise ValueError(f"{name}: expected shape ({count}, 3), one for each {of}, not {given(rows)}")
+    return rows
+
+
 class Build(Handle):
     """A model under construction, made by `Context.new_build`: add meshes, then `start`.
 
@@ -175,13 +185,16 @@ class Build(Handle):
         return max(self._ids, default=-1) + 1
 
     def add_triangles(self, part: int, vertices: ArrayLike, faces: ArrayLike | None = None, *,
-                      colours: ArrayLike | None = None, mesh: int = 0) -> None:
+                      colours: ArrayLike | None = None, normals: ArrayLike | None = None,
+                      vertex_colours: ArrayLike | None = None, mesh: int = 0) -> None:
         """Adds triangles of one part from arrays, without a copy in Python.
 
         part: id of the part; with `mesh`, the number of the part in the shared mesh, from 0.
         vertices: (N, 3) float32 or float64; rows may lie apart.
         faces: (M, 3) integers below N, or None: each three vertices are a triangle.
         colours: (M, 3) linear RGB, one for each triangle, or None: the colour of the part.
+        normals: (N, 3), one for each vertex, of any length, or None: `BuildOptions.crease_angle` decides.
+        vertex_colours: (N, 3) linear RGB, one for each vertex, which are interpolated; in place of `colours`.
         mesh: number of a shared mesh, or 0: the triangles are placed directly.
 
         Raises:
@@ -200,12 +213,15 @@ class Build(Handle):
         elif len(corners) % 3:
             raise ValueError(f"vertices: without faces, each three are a triangle, but there are {len(corners)}")
         count = len(corners) // 3 if indices is None else len(indices)
-        shades = None
-        if colours is not None:
-            shades = vectors("colours", colours).astype("f4", copy=False)
-            if len(shades) != count:
-                raise ValueError(f"colours: expected shape ({count}, 3), one for each triangle, not {given(shades)}")
+        shades = _rows("colours", colours, count, "triangle")
+        if shades is not None:
             triangles.colours, triangles.colour_stride = address(shades), shades.strides[0]
+        directions = _rows("normals", normals, len(corners), "vertex")
+        if directions is not None:
+            triangles.normals, triangles.normal_stride = address(directions), directions.strides[0]
+        tints = _rows("vertex_colours", vertex_colours, len(corners), "vertex")
+        if tints is not None:
+            triangles.position_colours, triangles.position_colour_stride = address(tints), tints.strides[0]
         lib.oc_build_add_triangles(self._h, c.byref(triangles))
 
     def add_shared_mesh(self, parts: int = 1) -> int:
@@ -223,16 +239,20 @@ class Build(Handle):
         lib.oc_build_add_instance(self._h, whole("mesh", mesh, 32), whole("first_part", first_part),
                                   matrix("transform", transform))
 
+    def _add_arrays(self, part: int, mesh: Mesh, shared: int) -> None:
+        self.add_triangles(part, mesh.vertices, mesh.faces, colours=mesh.colours, normals=mesh.normals,
+                           vertex_colours=mesh.vertex_colours, mesh=shared)
+
     def add_mesh(self, mesh: Mesh) -> list[int]:
         """Adds a mesh with its parts. Returns the ids of the parts: one, or one for each placement."""
         material = self.add_material(mesh.material) if mesh.material is not None else 0
         if mesh.placements is None:
             part = self.add_part(mesh.name, id=mesh.id, material=material)
-            self.add_triangles(part, mesh.vertices, mesh.faces, colours=mesh.colours)
+            self._add_arrays(part, mesh, 0)
             return [part]
         placements = check_placements(mesh.name or "mesh", mesh.placements)
         shared = self.add_shared_mesh()
-        self.add_triangles(0, mesh.vertices, mesh.faces, colours=mesh.colours, mesh=shared)
+        self._add_arrays(0, mesh, shared)
         parts = []
         for at, (name, place) in enumerate(placements):
             parts.append(self.add_part(name, id=None if mesh.id is None else mesh.id + at, material=material))

@@ -286,7 +286,9 @@ class Want(enum.IntFlag):
     ERROR = 128
     """`error` and `t_free`; `t` in double precision."""
     ALL = 255
-    """All members."""
+    """All members but `shading_normal`."""
+    SHADING_NORMAL = 256
+    """`shading_normal`. May have to read the disk."""
 
 
 class QueryFlags(enum.IntFlag):
@@ -368,6 +370,8 @@ class Buffer(enum.IntEnum):
     stand-ins have transmitted the ray to a triangle or to the background: an original surface may lie anywhere
     before it.
     """
+    SHADING_NORMAL = 9
+    """3 floats: unit normal in world space with which the surface is shaded, see `Hit.shading_normal`. Miss: 0."""
 
 
 class FrameFlags(enum.IntFlag):

@@ -22,6 +22,8 @@ class Mesh:
     faces: (M, 3) integers, or None: each three vertices are a triangle.
     name, id: of the part. None: the name of its key in the sources, the next free id.
     colours: (M, 3) linear RGB, one for each triangle, or None.
+    normals: (N, 3), one for each vertex, of any length, or None: edges below the crease angle appear smooth.
+    vertex_colours: (N, 3) linear RGB, one for each vertex, in place of `colours`.
     material: colour, opacity and the like. None: grey.
     placements: names and transforms at which the mesh is placed, each a part of its own. The mesh is stored once.
         None: once, where it is.
@@ -32,6 +34,8 @@ class Mesh:
     name: str | None = None
     id: int | None = None
     colours: ArrayLike | None = None
+    normals: ArrayLike | None = None
+    vertex_colours: ArrayLike | None = None
     material: Material | None = None
     placements: Sequence[tuple[str, ArrayLike]] | None = None
 
@@ -81,7 +85,7 @@ def linear(colour: ArrayLike) -> Array:
 
 
 def _trimesh(mesh: Any, name: str | None) -> Mesh:
-    """Converts a trimesh.Trimesh. Colours of faces are kept, those of vertices become the mean of each face."""
+    """Converts a trimesh.Trimesh. Its normals are left out: it has them for vertices at any edge."""
     vertices, faces = numpy.asarray(mesh.vertices), numpy.asarray(mesh.faces)
     own = getattr(mesh, "metadata", None) or {}
     made = Mesh(vertices, faces, name=name or own.get("name"))
@@ -90,7 +94,7 @@ def _trimesh(mesh: Any, name: str | None) -> Mesh:
     if kind == "face":
         made.colours = linear(visual.face_colors)  # type: ignore[union-attr]
     elif kind == "vertex":
-        made.colours = linear(visual.vertex_colors)[faces].mean(axis=1)  # type: ignore[union-attr]
+        made.vertex_colours = linear(visual.vertex_colors)  # type: ignore[union-attr]
     elif kind == "texture":
         made.material = _trimesh_material(getattr(visual, "material", None))
     return made
@@ -132,7 +136,7 @@ def _pyvista(data: Any, name: str | None) -> Mesh:
     if strips or not data.is_all_triangles:
         data = data.triangulate()
     faces = numpy.asarray(data.faces).reshape(-1, 4)[:, 1:]
-    return Mesh(numpy.asarray(data.points), faces, name=name)
+    return Mesh(numpy.asarray(data.points), faces, name=name, normals=data.point_data.get("Normals"))
 
 
 def check_placements(name: str, placements: Sequence[tuple[str, ArrayLike]]) -> list[tuple[str, Any]]:

@@ -90,6 +90,11 @@ class BuildOptions(Value):
     """1: mesh files may refer to any file that the process may read. Only for mesh files from a trusted source. 0:
     the rule of `trusted_folder`.
     """
+    crease_angle: float = 0.0
+    """Angle in degrees, at most 180, up to which an edge between two triangles appears smooth, if the input has no
+    normals there. 0: 40 degrees, with which chamfers of 45 degrees stay edges. Below 0: no normals are made, and
+    surfaces without normals show their facets.
+    """
 
 
 @dataclass
@@ -160,6 +165,8 @@ class BuildReport(Value):
     """Seconds spent on writing."""
     position_error: float = 0.0
     """Greatest distance between a corner of the input and the stored corner, in units of the model."""
+    unusable_normals: int = 0
+    """Normals of the input that are zero, NaN or infinite. The normals of their triangles replace them."""
 
 
 @dataclass
@@ -196,6 +203,8 @@ class ModelInfo(Value):
     """Number of blocks of geometry."""
     has_colours: int = 0
     """1: triangles may have colours of their own. 0: they have the colours of their parts."""
+    has_normals: int = 0
+    """1: triangles may have normals at their corners that make them appear smooth. 0: each has only its own."""
 
 
 @dataclass
@@ -374,6 +383,11 @@ class Hit(Value):
     """An original surface lies within this distance of `position`, in world units. Miss: 0."""
     kind: HitKind = HitKind(0)
     """One of the HitKind constants."""
+    shading_normal: Vector = (0.0, 0.0, 0.0)
+    """Unit normal in world space with which the surface is shaded, on the side of `normal`: interpolated between the
+    corners of the triangle, so that coarse facets appear smooth. Where a model has no such normals, and for
+    stand-ins, it is `normal`. Miss: 0.
+    """
 
 
 @dataclass

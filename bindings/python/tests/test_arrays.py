@@ -179,5 +179,12 @@ def test_wrong_colours_are_refused(context: outcrop.Context) -> None:
         part = build.add_part("a")
         with pytest.raises(ValueError, match=r"colours: expected shape \(4, 3\), one for each triangle, not shape"):
             build.add_triangles(part, TETRA, TETRA_FACES, colours=numpy.zeros((3, 3)))
+        for name in ["normals", "vertex_colours"]:
+            few: Any = {name: numpy.zeros((3, 3))}
+            turned: Any = {name: numpy.zeros((3, 4))}
+            with pytest.raises(ValueError, match=rf"{name}: expected shape \(4, 3\), one for each vertex, not shape"):
+                build.add_triangles(part, TETRA, TETRA_FACES, **few)
+            with pytest.raises(ValueError, match=rf"{name}: expected shape \(N, 3\).*transpose"):
+                build.add_triangles(part, TETRA, TETRA_FACES, **turned)
         with pytest.raises(ValueError, match="vertices: without faces, each three are a triangle, but there are 4"):
             build.add_triangles(part, TETRA)

@@ -116,6 +116,24 @@ def test_parts_materials_and_placements(context: outcrop.Context, tmp_path: Path
         assert hits["part"].tolist() == [41, 42, first, first + 1]
 
 
+def test_normals_and_colours_of_vertices(context: outcrop.Context, tmp_path: Path) -> None:
+    vertices, faces = bumps(20)
+    tilted = numpy.zeros((len(vertices), 4))[:, :3] + (0.6, 0, 0.8)
+    flat = outcrop.BuildOptions(crease_angle=-1)
+    kinds: list[tuple[outcrop.Mesh, outcrop.BuildOptions | None]] = [
+        (outcrop.Mesh(vertices, faces, normals=tilted), flat), (outcrop.Mesh(vertices, faces), flat),
+        (outcrop.Mesh(vertices, faces), None), (outcrop.Mesh(vertices, faces, vertex_colours=abs(tilted)), flat)]
+    shading = []
+    for number, (mesh, options) in enumerate(kinds):
+        context.build(tmp_path / f"{number}.oc", mesh, options=options)
+        with context.open(tmp_path / f"{number}.oc") as model, context.scene(model) as scene:
+            hit = scene.closest([(0.33, 0.41, 9)], (0, 0, -1), want=outcrop.Want.ALL | outcrop.Want.SHADING_NORMAL)[0]
+            shading.append((model.info.has_normals, hit["shading_normal"], hit["normal"], model.info.has_colours))
+    assert [one[0] for one in shading] == [1, 0, 1, 0] and [one[3] for one in shading] == [0, 0, 0, 1]
+    assert numpy.allclose(shading[0][1], (0.6, 0, 0.8), atol=0.02) and numpy.array_equal(*shading[1][1:3])
+    assert 0.9 < shading[2][1] @ shading[2][2] < 0.99999
+
+
 def test_what_is_no_mesh_is_refused(context: outcrop.Context, tmp_path: Path) -> None:
     for wrong in [7, None, TETRA, b"x", [3.5]]:
         with pytest.raises(TypeError, match="sources: expected a path, an outcrop.Mesh or an object of trimesh"):
