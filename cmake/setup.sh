@@ -32,11 +32,23 @@ want make make
 want cmake cmake
 want pkg-config pkg-config
 want python3 python3
+# The Python package and its tests. The modules may also come from elsewhere, e.g. from pip.
+want_module() {
+    python3 -c "import $1" 2>/dev/null || [ -e "/usr/lib/python3/dist-packages/$1" ] || missing="$missing $2"
+}
+want_module numpy python3-numpy
+want_module pytest python3-pytest
+want_module ensurepip python3-venv
 want '/usr/include/embree[34]/rtcore.h' libembree-dev
 # The oracle of the header test is two compilers, not one.
 want clang clang
 
-[ -n "$missing" ] || { say "all there (Rust $rust)"; exit 0; }
+# The tests of the Python package run in an environment of their own, with packages that Debian does not have.
+finish() {
+    sh "$(dirname "$0")/../bindings/python/tests/venv.sh" >/dev/null
+    exit
+}
+[ -n "$missing" ] || { say "all there (Rust $rust)"; finish; }
 if command -v apt-get >/dev/null && [ "$(id -u)" = 0 ]; then
     say "installing$missing"
     export DEBIAN_FRONTEND=noninteractive
@@ -46,3 +58,4 @@ if command -v apt-get >/dev/null && [ "$(id -u)" = 0 ]; then
 else
     fail "please install:$missing (Debian: sudo apt-get install$missing)"
 fi
+finish

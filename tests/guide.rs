@@ -4,10 +4,10 @@
 //! function of `tests/guide/prelude.c`, `prelude.cpp` or `prelude.py`, with the variables that `src/guide/index.md`
 //! lists. Leading paragraphs of a C or C++ block that begin with `static`, `typedef` or `#` go before that function.
 
-use crate::abi::{SONAME, built, compiler, is_there, root, run, temp};
+use crate::abi::{SONAME, built, compiler, root, run, temp};
 use outcrop::base::progress::{Cancel, Progress};
 use outcrop::build::{BuildOptions, Builder};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::Arc;
 
@@ -148,6 +148,11 @@ fn limited(program: impl AsRef<std::ffi::OsStr>) -> Command {
     command
 }
 
+/// Returns the Python that has numpy: that of the environment which cmake/setup.sh makes, else the system's.
+fn python() -> PathBuf {
+    Some(root().join("build/python/venv/bin/python")).filter(|p| p.exists()).unwrap_or("python3".into())
+}
+
 /// Compiles and runs a snippet in a folder of its own below the workshop.
 fn try_out(snippet: &Snippet, workshop: &Path) {
     let folder = workshop.join(&snippet.name);
@@ -159,7 +164,7 @@ fn try_out(snippet: &Snippet, workshop: &Path) {
     let source = folder.join(format!("{}.{}", snippet.name, snippet.ending()));
     std::fs::write(&source, program(snippet)).expect("the source");
     let mut command = if snippet.language == "python" {
-        let mut python = limited("python3");
+        let mut python = limited(python());
         python.arg("-B").arg(&source);
         python.env("PYTHONPATH", root().join("bindings/python")).env("OUTCROP_LIBRARY", &library);
         python
@@ -193,7 +198,8 @@ fn cpp_snippets_run() {
 
 #[test]
 fn python_snippets_run() {
-    assert!(is_there("python3"), "python3 is missing: cmake/setup.sh installs it");
+    let has_numpy = Command::new(python()).args(["-c", "import numpy"]).status().is_ok_and(|s| s.success());
+    assert!(has_numpy, "python3 or its numpy is missing: cmake/setup.sh installs them");
     try_all("python");
 }
 

@@ -1,0 +1,501 @@
+"""Structs, callbacks and functions of the C API, under their own names.
+
+This file is generated from include/outcrop.h: run `python3 generate.py`.
+"""
+
+from __future__ import annotations
+
+import ctypes as c
+from typing import Any, Callable
+
+OC_VERSION_MAJOR = 0
+"""Major version. Programs compiled for another major version do not work."""
+OC_VERSION_MINOR = 1
+"""Minor version. While the major version is 0, programs compiled for another minor version do not work."""
+OC_VERSION_PATCH = 0
+"""Patch version."""
+OC_HEADER_VERSION = 100
+"""Version of this header: `major * 10000 + minor * 100 + patch`. Pass it to oc_context_create."""
+OC_FOREVER = 4294967295
+"""Timeout: wait without a limit."""
+OC_ALL_THREADS = 4294967295
+"""Number of threads: one for each core of the machine."""
+OC_NO_INDEX = 4294967295
+"""Index of the parent of a part that has none."""
+OC_NO_ID = 18446744073709551615
+"""The value of ids that are not set: of a miss, or not requested."""
+
+# Callbacks.
+oc_wake_fn = c.CFUNCTYPE(None, c.c_void_p)
+oc_run_fn = c.CFUNCTYPE(None, c.c_void_p)
+oc_submit_fn = c.CFUNCTYPE(None, c.c_void_p, oc_run_fn, c.c_void_p)
+oc_log_fn = c.CFUNCTYPE(None, c.c_void_p, c.c_uint32, c.c_char_p)
+oc_release_fn = c.CFUNCTYPE(None, c.c_void_p)
+oc_resolve_fn = c.CFUNCTYPE(c.c_uint32, c.c_void_p, c.c_char_p, c.c_char_p, c.c_void_p)
+oc_read_fn = c.CFUNCTYPE(c.c_uint32, c.c_void_p, c.c_uint64, c.c_void_p, c.c_uint64)
+oc_close_fn = c.CFUNCTYPE(None, c.c_void_p)
+
+
+class Sized(c.Structure):
+    """A struct that begins with `struct_size`. The constructor sets it and zeroes the rest."""
+
+    def __init__(self, **members: Any) -> None:
+        super().__init__(struct_size=c.sizeof(type(self)), **members)
+
+
+class oc_progress(Sized):
+    """Progress of long work: builds, loads, batches of rays, prefetches and frames."""
+
+    _fields_ = [
+        ("struct_size", c.c_uint32), ("state", c.c_uint32), ("fraction", c.c_double), ("done", c.c_uint64),
+        ("total", c.c_uint64), ("bytes", c.c_uint64), ("need", c.c_uint64), ("error", c.c_uint32),
+        ("phase", c.c_uint32),
+    ]
+
+
+class oc_executor(Sized):
+    """The host's own threads. A context with an executor never starts a thread."""
+
+    _fields_ = [
+        ("struct_size", c.c_uint32), ("concurrency", c.c_uint32), ("user", c.c_void_p), ("submit", oc_submit_fn),
+    ]
+
+
+class oc_context_desc(Sized):
+    """Options of a context. All zeros: no threads, three quarters of the machine's memory."""
+
+    _fields_ = [
+        ("struct_size", c.c_uint32), ("threads", c.c_uint32), ("memory_budget", c.c_uint64), ("executor", c.c_void_p),
+        ("log", oc_log_fn), ("log_user", c.c_void_p), ("instruction_set", c.c_uint32), ("flags", c.c_uint32),
+    ]
+
+
+class oc_resolved(Sized):
+    """Receives the answer of oc_resolve_fn. All members but `struct_size` are 0 or NULL before the call."""
+
+    _fields_ = [
+        ("struct_size", c.c_uint32), ("kind", c.c_uint32), ("bytes", c.c_void_p), ("size", c.c_uint64),
+        ("path", c.c_char_p), ("release", oc_release_fn), ("release_user", c.c_void_p),
+    ]
+
+
+class oc_build_desc(Sized):
+    """Options of a build. All zeros: suitable for most models."""
+
+    _fields_ = [
+        ("struct_size", c.c_uint32), ("structure", c.c_uint32), ("memory_budget", c.c_uint64),
+        ("temp_dir", c.c_char_p), ("metres_per_unit", c.c_double), ("up", c.c_uint32), ("splits", c.c_uint32),
+        ("threads", c.c_uint32), ("reserved", c.c_uint32), ("resolve", oc_resolve_fn), ("resolve_user", c.c_void_p),
+        ("trusted_folder", c.c_char_p), ("max_triangles", c.c_uint64), ("max_bytes", c.c_uint64),
+        ("trust_paths", c.c_uint32), ("reserved_2", c.c_uint32), ("crease_angle", c.c_float),
+        ("reserved_3", c.c_uint32),
+    ]
+
+
+class oc_material(Sized):
+    """Material of a part. Colours are linear. All zeros: grey, opaque, matt."""
+
+    _fields_ = [
+        ("struct_size", c.c_uint32), ("colour", c.c_float * 3), ("opacity", c.c_float), ("metalness", c.c_float),
+        ("roughness", c.c_float), ("reserved", c.c_uint32),
+    ]
+
+
+class oc_part(Sized):
+    """A part: the unit that a user selects, hides or colours."""
+
+    _fields_ = [
+        ("struct_size", c.c_uint32), ("material", c.c_uint32), ("id", c.c_uint64), ("parent", c.c_uint64),
+        ("name", c.c_char_p), ("has_parent", c.c_uint32), ("reserved", c.c_uint32),
+    ]
+
+
+class oc_triangles(Sized):
+    """Triangles in the caller's memory. The arrays are read during the call. They may have any alignment."""
+
+    _fields_ = [
+        ("struct_size", c.c_uint32), ("mesh", c.c_uint32), ("part", c.c_uint64), ("positions", c.c_void_p),
+        ("position_count", c.c_uint64), ("position_stride", c.c_uint64), ("indices", c.c_void_p),
+        ("index_count", c.c_uint64), ("colours", c.c_void_p), ("colour_stride", c.c_uint64), ("scalar", c.c_uint32),
+        ("index", c.c_uint32), ("normals", c.c_void_p), ("normal_stride", c.c_uint64),
+        ("position_colours", c.c_void_p), ("position_colour_stride", c.c_uint64),
+    ]
+
+
+class oc_build_report(Sized):
+    """Statistics of a build."""
+
+    _fields_ = [
+        ("struct_size", c.c_uint32), ("notes", c.c_uint32), ("triangles_in", c.c_uint64),
+        ("triangles_kept", c.c_uint64), ("dropped_non_finite", c.c_uint64), ("dropped_degenerate", c.c_uint64),
+        ("dropped_out_of_range", c.c_uint64), ("parts", c.c_uint64), ("instances", c.c_uint64),
+        ("geometry_bytes", c.c_uint64), ("file_bytes", c.c_uint64), ("seconds_read", c.c_double),
+        ("seconds_build", c.c_double), ("seconds_write", c.c_double), ("position_error", c.c_double),
+        ("unusable_normals", c.c_uint64),
+    ]
+
+
+class oc_io(Sized):
+    """The caller's own functions that read a model, in place of a file."""
+
+    _fields_ = [
+        ("struct_size", c.c_uint32), ("reserved", c.c_uint32), ("size", c.c_uint64), ("read_at", oc_read_fn),
+        ("close", oc_close_fn), ("user", c.c_void_p), ("name", c.c_char_p),
+    ]
+
+
+class oc_model_info(Sized):
+    """Properties of a model."""
+
+    _fields_ = [
+        ("struct_size", c.c_uint32), ("up", c.c_uint32), ("bounds_min", c.c_double * 3),
+        ("bounds_max", c.c_double * 3), ("metres_per_unit", c.c_double), ("triangles_in", c.c_uint64),
+        ("triangles_stored", c.c_uint64), ("triangles_placed", c.c_uint64), ("file_bytes", c.c_uint64),
+        ("geometry_bytes", c.c_uint64), ("resident_bytes", c.c_uint64), ("parts", c.c_uint32),
+        ("instances", c.c_uint32), ("blocks", c.c_uint32), ("has_colours", c.c_uint32), ("has_normals", c.c_uint32),
+        ("reserved", c.c_uint32),
+    ]
+
+
+class oc_part_info(Sized):
+    """Properties of a part of a model."""
+
+    _fields_ = [
+        ("struct_size", c.c_uint32), ("parent", c.c_uint32), ("id", c.c_uint64), ("name", c.c_char_p),
+        ("triangles", c.c_uint64), ("bounds_min", c.c_double * 3), ("bounds_max", c.c_double * 3),
+        ("colour", c.c_float * 4), ("metalness", c.c_float), ("roughness", c.c_float),
+    ]
+
+
+class oc_camera(Sized):
+    """A camera in world space. All numbers must be finite."""
+
+    _fields_ = [
+        ("struct_size", c.c_uint32), ("kind", c.c_uint32), ("eye", c.c_double * 3), ("at", c.c_double * 3),
+        ("up", c.c_double * 3), ("fov_y", c.c_double), ("height", c.c_double),
+    ]
+
+
+class oc_light(c.Structure):
+    """A light. Element of an array. All zeros: a white headlight."""
+
+    _fields_ = [
+        ("vector", c.c_double * 3), ("colour", c.c_float * 3), ("intensity", c.c_float), ("kind", c.c_uint32),
+        ("shadows", c.c_uint32),
+    ]
+
+
+class oc_background(Sized):
+    """Background of a picture: a vertical gradient. All numbers must be finite and 0 or more. All zeros: black and
+    transparent.
+    """
+
+    _fields_ = [
+        ("struct_size", c.c_uint32), ("reserved", c.c_uint32), ("bottom", c.c_float * 4), ("top", c.c_float * 4),
+    ]
+
+
+class oc_look(Sized):
+    """Appearance of an instance or a part. All zeros: unchanged."""
+
+    _fields_ = [
+        ("struct_size", c.c_uint32), ("flags", c.c_uint32), ("colour", c.c_float * 4),
+    ]
+
+
+class oc_ray(c.Structure):
+    """A ray. Element of an array. Distances `t` along a ray are in units of the length of `direction`."""
+
+    _fields_ = [
+        ("origin", c.c_double * 3), ("t_min", c.c_double), ("t_max", c.c_double), ("direction", c.c_float * 3),
+        ("cone_a", c.c_float), ("cone_b", c.c_float), ("mask", c.c_uint32),
+    ]
+
+
+class oc_query(Sized):
+    """A batch of rays."""
+
+    _fields_ = [
+        ("struct_size", c.c_uint32), ("want", c.c_uint32), ("flags", c.c_uint32), ("reserved", c.c_uint32),
+        ("rays", c.c_void_p), ("count", c.c_uint64), ("stride", c.c_uint64),
+    ]
+
+
+class oc_hit(c.Structure):
+    """Closest hit of a ray. Element of an array. Members that were not requested have the values of a miss."""
+
+    _fields_ = [
+        ("t", c.c_double), ("position", c.c_double * 3), ("t_free", c.c_double), ("part", c.c_uint64),
+        ("instance", c.c_uint64), ("prim", c.c_uint64), ("normal", c.c_float * 3), ("uv", c.c_float * 2),
+        ("error", c.c_float), ("kind", c.c_uint32), ("shading_normal", c.c_float * 3),
+    ]
+
+
+class oc_overlap(c.Structure):
+    """A part that intersects a volume. Element of an array."""
+
+    _fields_ = [
+        ("instance", c.c_uint64), ("part", c.c_uint64), ("kind", c.c_uint32), ("reserved", c.c_uint32),
+    ]
+
+
+class oc_plane(c.Structure):
+    """A half space: the points p with dot(normal, p) + d >= 0, in world space. Element of an array."""
+
+    _fields_ = [
+        ("normal", c.c_double * 3), ("d", c.c_double),
+    ]
+
+
+class oc_target(c.Structure):
+    """The caller's memory for a buffer. Element of an array."""
+
+    _fields_ = [
+        ("memory", c.c_void_p), ("size", c.c_uint64), ("row_pitch", c.c_uint64), ("buffer", c.c_uint32),
+        ("reserved", c.c_uint32),
+    ]
+
+
+class oc_frame_desc(Sized):
+    """Options of a frame. `width` and `height` must be set."""
+
+    _fields_ = [
+        ("struct_size", c.c_uint32), ("width", c.c_uint32), ("height", c.c_uint32), ("buffers", c.c_uint32),
+        ("targets", c.c_void_p), ("target_count", c.c_uint64),
+    ]
+
+
+class oc_frame_settings(Sized):
+    """Options of a request. All zeros: exact, one ray for each pixel."""
+
+    _fields_ = [
+        ("struct_size", c.c_uint32), ("samples", c.c_uint32), ("poe", c.c_float), ("ambient", c.c_float),
+        ("flags", c.c_uint32),
+    ]
+
+
+class oc_frame_accuracy(Sized):
+    """Accuracy of the picture of the last request."""
+
+    _fields_ = [
+        ("struct_size", c.c_uint32), ("effective_poe", c.c_float), ("request", c.c_uint64),
+        ("pixels_exact", c.c_uint64), ("pixels_lod", c.c_uint64), ("pixels_missing", c.c_uint64),
+        ("pixels_total", c.c_uint64), ("bytes_resident", c.c_uint64), ("bytes_wanted", c.c_uint64),
+        ("seconds", c.c_double), ("seconds_to_go", c.c_double), ("worst_error", c.c_float), ("mean_error", c.c_float),
+        ("pictures", c.c_uint32), ("state", c.c_uint32),
+    ]
+
+
+class oc_pixels(Sized):
+    """A mapped buffer of a complete picture."""
+
+    _fields_ = [
+        ("struct_size", c.c_uint32), ("format", c.c_uint32), ("width", c.c_uint32), ("height", c.c_uint32),
+        ("data", c.c_void_p), ("row_pitch", c.c_uint64), ("size", c.c_uint64), ("mapping", c.c_void_p),
+    ]
+
+
+STRUCTS: list[type[c.Structure]] = [
+    oc_progress, oc_executor, oc_context_desc, oc_resolved, oc_build_desc, oc_material, oc_part, oc_triangles,
+    oc_build_report, oc_io, oc_model_info, oc_part_info, oc_camera, oc_light, oc_background, oc_look, oc_ray,
+    oc_query, oc_hit, oc_overlap, oc_plane, oc_target, oc_frame_desc, oc_frame_settings, oc_frame_accuracy, oc_pixels,
+]
+"""All structs, in the order of the header."""
+
+
+class Functions:
+    """The functions of the C API, as attributes. The loader sets them."""
+
+    oc_version: Callable[..., int]
+    oc_status_name: Callable[..., bytes]
+    oc_last_error: Callable[..., bytes]
+    oc_last_error_need: Callable[..., int]
+    oc_init: Callable[..., None]
+    oc_job_poll: Callable[..., int]
+    oc_job_wait: Callable[..., int]
+    oc_job_cancel: Callable[..., int]
+    oc_job_set_wake: Callable[..., int]
+    oc_job_model: Callable[..., int]
+    oc_job_retain: Callable[..., None]
+    oc_job_release: Callable[..., None]
+    oc_context_create: Callable[..., int]
+    oc_context_step: Callable[..., int]
+    oc_context_property: Callable[..., int]
+    oc_context_retain: Callable[..., None]
+    oc_context_release: Callable[..., None]
+    oc_build_create: Callable[..., int]
+    oc_build_add_file: Callable[..., int]
+    oc_build_start: Callable[..., int]
+    oc_build_retain: Callable[..., None]
+    oc_build_release: Callable[..., None]
+    oc_build_add_material: Callable[..., int]
+    oc_build_add_part: Callable[..., int]
+    oc_build_add_shared_mesh: Callable[..., int]
+    oc_build_add_instance: Callable[..., int]
+    oc_build_add_triangles: Callable[..., int]
+    oc_job_build_report: Callable[..., int]
+    oc_job_build_note: Callable[..., int]
+    oc_model_open: Callable[..., int]
+    oc_model_open_io: Callable[..., int]
+    oc_model_load: Callable[..., int]
+    oc_model_get_info: Callable[..., int]
+    oc_model_get_part: Callable[..., int]
+    oc_model_find_part: Callable[..., int]
+    oc_model_get_view: Callable[..., int]
+    oc_model_retain: Callable[..., None]
+    oc_model_release: Callable[..., None]
+    oc_scene_create: Callable[..., int]
+    oc_scene_add_instance: Callable[..., int]
+    oc_scene_remove_instance: Callable[..., int]
+    oc_scene_set_transform: Callable[..., int]
+    oc_scene_set_instance_mask: Callable[..., int]
+    oc_scene_set_lights: Callable[..., int]
+    oc_scene_set_background: Callable[..., int]
+    oc_scene_commit: Callable[..., int]
+    oc_scene_retain: Callable[..., None]
+    oc_scene_release: Callable[..., None]
+    oc_scene_set_instance_look: Callable[..., int]
+    oc_scene_set_part_look: Callable[..., int]
+    oc_scene_set_parts_look: Callable[..., int]
+    oc_scene_isolate: Callable[..., int]
+    oc_scene_set_model: Callable[..., int]
+    oc_scene_clear_part_looks: Callable[..., int]
+    oc_scene_closest: Callable[..., int]
+    oc_scene_any: Callable[..., int]
+    oc_scene_closest_start: Callable[..., int]
+    oc_scene_any_start: Callable[..., int]
+    oc_scene_overlap_box: Callable[..., int]
+    oc_scene_overlap_frustum: Callable[..., int]
+    oc_frame_create: Callable[..., int]
+    oc_frame_request: Callable[..., int]
+    oc_frame_poll: Callable[..., int]
+    oc_frame_wait: Callable[..., int]
+    oc_frame_cancel: Callable[..., int]
+    oc_frame_resize: Callable[..., int]
+    oc_frame_set_wake: Callable[..., int]
+    oc_frame_get_accuracy: Callable[..., int]
+    oc_frame_pick: Callable[..., int]
+    oc_frame_retain: Callable[..., None]
+    oc_frame_release: Callable[..., None]
+    oc_frame_map: Callable[..., int]
+    oc_mapping_retain: Callable[..., None]
+    oc_mapping_release: Callable[..., None]
+    oc_scene_prefetch_box: Callable[..., int]
+    oc_scene_prefetch_camera: Callable[..., int]
+
+
+SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
+    "oc_version": (c.c_uint32, []),
+    "oc_status_name": (c.c_char_p, [c.c_uint32]),
+    "oc_last_error": (c.c_char_p, []),
+    "oc_last_error_need": (c.c_uint64, []),
+    "oc_init": (None, [c.c_void_p, c.c_size_t]),
+    "oc_job_poll": (c.c_uint32, [c.c_void_p, c.c_void_p]),
+    "oc_job_wait": (c.c_uint32, [c.c_void_p, c.c_uint32, c.c_void_p]),
+    "oc_job_cancel": (c.c_uint32, [c.c_void_p]),
+    "oc_job_set_wake": (c.c_uint32, [c.c_void_p, oc_wake_fn, c.c_void_p]),
+    "oc_job_model": (c.c_uint32, [c.c_void_p, c.c_void_p]),
+    "oc_job_retain": (None, [c.c_void_p]),
+    "oc_job_release": (None, [c.c_void_p]),
+    "oc_context_create": (c.c_uint32, [c.c_uint32, c.c_void_p, c.c_void_p]),
+    "oc_context_step": (c.c_uint32, [c.c_void_p, c.c_void_p]),
+    "oc_context_property": (c.c_uint32, [c.c_void_p, c.c_uint32, c.c_void_p]),
+    "oc_context_retain": (None, [c.c_void_p]),
+    "oc_context_release": (None, [c.c_void_p]),
+    "oc_build_create": (c.c_uint32, [c.c_void_p, c.c_void_p, c.c_void_p]),
+    "oc_build_add_file": (c.c_uint32, [c.c_void_p, c.c_char_p]),
+    "oc_build_start": (c.c_uint32, [c.c_void_p, c.c_char_p, c.c_void_p]),
+    "oc_build_retain": (None, [c.c_void_p]),
+    "oc_build_release": (None, [c.c_void_p]),
+    "oc_build_add_material": (c.c_uint32, [c.c_void_p, c.c_void_p, c.c_void_p]),
+    "oc_build_add_part": (c.c_uint32, [c.c_void_p, c.c_void_p]),
+    "oc_build_add_shared_mesh": (c.c_uint32, [c.c_void_p, c.c_uint32, c.c_void_p]),
+    "oc_build_add_instance": (c.c_uint32, [c.c_void_p, c.c_uint32, c.c_uint64, c.c_void_p]),
+    "oc_build_add_triangles": (c.c_uint32, [c.c_void_p, c.c_void_p]),
+    "oc_job_build_report": (c.c_uint32, [c.c_void_p, c.c_void_p]),
+    "oc_job_build_note": (c.c_uint32, [c.c_void_p, c.c_uint32, c.c_void_p]),
+    "oc_model_open": (c.c_uint32, [c.c_void_p, c.c_char_p, c.c_void_p]),
+    "oc_model_open_io": (c.c_uint32, [c.c_void_p, c.c_void_p, c.c_void_p]),
+    "oc_model_load": (c.c_uint32, [c.c_void_p, c.c_char_p, c.c_void_p, c.c_void_p]),
+    "oc_model_get_info": (c.c_uint32, [c.c_void_p, c.c_void_p]),
+    "oc_model_get_part": (c.c_uint32, [c.c_void_p, c.c_uint32, c.c_void_p]),
+    "oc_model_find_part": (c.c_uint32, [c.c_void_p, c.c_uint64, c.c_void_p]),
+    "oc_model_get_view": (c.c_uint32, [c.c_void_p, c.c_uint32, c.c_void_p]),
+    "oc_model_retain": (None, [c.c_void_p]),
+    "oc_model_release": (None, [c.c_void_p]),
+    "oc_scene_create": (c.c_uint32, [c.c_void_p, c.c_void_p]),
+    "oc_scene_add_instance": (c.c_uint32, [c.c_void_p, c.c_void_p, c.c_uint64, c.c_void_p]),
+    "oc_scene_remove_instance": (c.c_uint32, [c.c_void_p, c.c_uint64]),
+    "oc_scene_set_transform": (c.c_uint32, [c.c_void_p, c.c_uint64, c.c_void_p]),
+    "oc_scene_set_instance_mask": (c.c_uint32, [c.c_void_p, c.c_uint64, c.c_uint32]),
+    "oc_scene_set_lights": (c.c_uint32, [c.c_void_p, c.c_void_p, c.c_uint64, c.c_uint64]),
+    "oc_scene_set_background": (c.c_uint32, [c.c_void_p, c.c_void_p]),
+    "oc_scene_commit": (c.c_uint32, [c.c_void_p]),
+    "oc_scene_retain": (None, [c.c_void_p]),
+    "oc_scene_release": (None, [c.c_void_p]),
+    "oc_scene_set_instance_look": (c.c_uint32, [c.c_void_p, c.c_uint64, c.c_void_p]),
+    "oc_scene_set_part_look": (c.c_uint32, [c.c_void_p, c.c_uint64, c.c_uint64, c.c_void_p]),
+    "oc_scene_set_parts_look": (c.c_uint32, [
+        c.c_void_p, c.c_uint64, c.c_void_p, c.c_uint64, c.c_uint32, c.c_void_p,
+    ]),
+    "oc_scene_isolate": (c.c_uint32, [c.c_void_p, c.c_uint64, c.c_void_p, c.c_uint64, c.c_uint32]),
+    "oc_scene_set_model": (c.c_uint32, [c.c_void_p, c.c_uint64, c.c_void_p]),
+    "oc_scene_clear_part_looks": (c.c_uint32, [c.c_void_p, c.c_uint64]),
+    "oc_scene_closest": (c.c_uint32, [c.c_void_p, c.c_void_p, c.c_void_p, c.c_uint64]),
+    "oc_scene_any": (c.c_uint32, [c.c_void_p, c.c_void_p, c.c_void_p, c.c_uint64]),
+    "oc_scene_closest_start": (c.c_uint32, [c.c_void_p, c.c_void_p, c.c_void_p, c.c_uint64, c.c_void_p]),
+    "oc_scene_any_start": (c.c_uint32, [c.c_void_p, c.c_void_p, c.c_void_p, c.c_uint64, c.c_void_p]),
+    "oc_scene_overlap_box": (c.c_uint32, [c.c_void_p, c.c_void_p, c.c_void_p, c.c_void_p, c.c_uint64, c.c_void_p]),
+    "oc_scene_overlap_frustum": (c.c_uint32, [
+        c.c_void_p, c.c_void_p, c.c_uint64, c.c_void_p, c.c_uint64, c.c_void_p,
+    ]),
+    "oc_frame_create": (c.c_uint32, [c.c_void_p, c.c_void_p, c.c_void_p]),
+    "oc_frame_request": (c.c_uint32, [c.c_void_p, c.c_void_p, c.c_void_p, c.c_void_p]),
+    "oc_frame_poll": (c.c_uint32, [c.c_void_p, c.c_void_p]),
+    "oc_frame_wait": (c.c_uint32, [c.c_void_p, c.c_uint32, c.c_void_p]),
+    "oc_frame_cancel": (c.c_uint32, [c.c_void_p]),
+    "oc_frame_resize": (c.c_uint32, [c.c_void_p, c.c_uint32, c.c_uint32]),
+    "oc_frame_set_wake": (c.c_uint32, [c.c_void_p, oc_wake_fn, c.c_void_p]),
+    "oc_frame_get_accuracy": (c.c_uint32, [c.c_void_p, c.c_void_p]),
+    "oc_frame_pick": (c.c_uint32, [c.c_void_p, c.c_uint32, c.c_uint32, c.c_void_p]),
+    "oc_frame_retain": (None, [c.c_void_p]),
+    "oc_frame_release": (None, [c.c_void_p]),
+    "oc_frame_map": (c.c_uint32, [c.c_void_p, c.c_uint32, c.c_void_p]),
+    "oc_mapping_retain": (None, [c.c_void_p]),
+    "oc_mapping_release": (None, [c.c_void_p]),
+    "oc_scene_prefetch_box": (c.c_uint32, [c.c_void_p, c.c_void_p, c.c_void_p, c.c_double, c.c_void_p]),
+    "oc_scene_prefetch_camera": (c.c_uint32, [
+        c.c_void_p, c.c_void_p, c.c_uint32, c.c_uint32, c.c_float, c.c_void_p,
+    ]),
+}
+"""Result and arguments of each function."""
+
+FALLIBLE = frozenset([
+    "oc_job_poll", "oc_job_wait", "oc_job_cancel", "oc_job_set_wake", "oc_job_model", "oc_context_create",
+    "oc_context_step", "oc_context_property", "oc_build_create", "oc_build_add_file", "oc_build_start",
+    "oc_build_add_material", "oc_build_add_part", "oc_build_add_shared_mesh", "oc_build_add_instance",
+    "oc_build_add_triangles", "oc_job_build_report", "oc_job_build_note", "oc_model_open", "oc_model_open_io",
+    "oc_model_load", "oc_model_get_info", "oc_model_get_part", "oc_model_find_part", "oc_model_get_view",
+    "oc_scene_create", "oc_scene_add_instance", "oc_scene_remove_instance", "oc_scene_set_transform",
+    "oc_scene_set_instance_mask", "oc_scene_set_lights", "oc_scene_set_background", "oc_scene_commit",
+    "oc_scene_set_instance_look", "oc_scene_set_part_look", "oc_scene_set_parts_look", "oc_scene_isolate",
+    "oc_scene_set_model", "oc_scene_clear_part_looks", "oc_scene_closest", "oc_scene_any", "oc_scene_closest_start",
+    "oc_scene_any_start", "oc_scene_overlap_box", "oc_scene_overlap_frustum", "oc_frame_create", "oc_frame_request",
+    "oc_frame_poll", "oc_frame_wait", "oc_frame_cancel", "oc_frame_resize", "oc_frame_set_wake",
+    "oc_frame_get_accuracy", "oc_frame_pick", "oc_frame_map", "oc_scene_prefetch_box", "oc_scene_prefetch_camera",
+])
+"""Functions that return a status."""
+
+BUFFERS: dict[int, tuple[str, int]] = {
+    0: ("u1", 4),
+    1: ("f4", 4),
+    2: ("f4", 1),
+    3: ("f4", 3),
+    4: ("u8", 1),
+    5: ("u8", 1),
+    6: ("u8", 1),
+    7: ("u1", 1),
+    8: ("f4", 1),
+    9: ("f4", 3),
+}
+"""Type and number of the elements of a pixel, by buffer."""

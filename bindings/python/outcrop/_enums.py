@@ -1,0 +1,409 @@
+"""Enumerations of the C API.
+
+This file is generated from include/outcrop.h: run `python3 generate.py`.
+"""
+
+from __future__ import annotations
+
+import enum
+
+
+class Status(enum.IntEnum):
+    """Result of a call, or the reason why background work failed. Numbers are never reused. The hundreds name the
+    cause:
+    - 1: the calling program
+    - 2: the file
+    - 3: the installation
+    - 4: the memory budget, or another limit
+    - 5: the machine
+    - 6: the library itself
+    """
+
+    OK = 0
+    """Success."""
+    INVALID_ARGUMENT = 100
+    """The calling program: an argument is NULL, is out of its range, or belongs to another context. Nothing changed."""
+    INVALID_STATE = 101
+    """The calling program: the object's present state does not allow the call, or the object belongs to the parent
+    process: after `fork` a child can only release it. Nothing changed.
+    """
+    BUFFER_TOO_SMALL = 102
+    """The calling program: the array is too small. The required count was written, nothing else."""
+    CANCELLED = 103
+    """The calling program: the work was cancelled on request."""
+    PARSE = 200
+    """The file: an input file of a build cannot be parsed."""
+    CORRUPT = 201
+    """The file: the model file is damaged, is not a model, or has an older format."""
+    VERSION_MISMATCH = 300
+    """The installation: the program was compiled with the header of another version."""
+    NEWER_FORMAT = 301
+    """The installation: a newer version of the library wrote the model."""
+    OVER_BUDGET = 400
+    """The budget: the memory budget is too small. oc_last_error_need returns the least budget that suffices."""
+    OVER_LIMIT = 401
+    """The limit: a build exceeds a limit of BuildOptions. oc_last_error names the limit and what exceeds it."""
+    IO = 500
+    """The machine: reading or writing failed, or a thread could not be started."""
+    OUT_OF_MEMORY = 501
+    """The machine: the system refused memory. oc_last_error names its purpose and size. Nothing changed, or the
+    state is that after any other error.
+
+    Allocations of up to 4 MiB that the system refuses come from a reserve of 32 MiB in the library. The reserve
+    takes memory only while it is used. While more than half of it is taken and the system still refuses memory,
+    builds, loads, queries and frames end with this status, and return what they took. Larger allocations fail by
+    themselves. Exceptions, in which the process ends: many threads take the rest of the reserve between two steps
+    of their work; the lists of parts, names and vertices of mesh files grow beyond 4 MiB.
+    """
+    INTERNAL = 600
+    """The library: a defect. The object is poisoned: further calls return Status.POISONED. oc_last_error describes
+    the defect; for background work the log does too. Rust's standard library also writes the description to
+    standard error, because outcrop installs no panic hook (a hook would be global state).
+    """
+    POISONED = 601
+    """The library: a defect occurred in this object before. The only valid call is the release."""
+
+
+class State(enum.IntEnum):
+    """State of long work."""
+
+    IDLE = 0
+    """Frames only: nothing was requested yet."""
+    RUNNING = 1
+    """The work runs or waits for a thread."""
+    DONE = 2
+    """The work has ended with the complete result, as exact as requested."""
+    CANCELLED = 3
+    """The work was cancelled. Do not use its outputs."""
+    FAILED = 4
+    """The work has failed. Do not use its outputs."""
+    COMPLETE_WITHIN_BUDGET = 5
+    """The work has ended with a part of the result: all that fits the memory budget or can be read. Only frames and
+    prefetches end so. The picture of such a frame is coarser than requested; oc_frame_get_accuracy returns by how
+    much.
+    """
+
+
+class Phase(enum.IntEnum):
+    """Phase of a build or load."""
+
+    WAITING = 0
+    """The work has not begun, or it is neither a build nor a load."""
+    READ = 1
+    """Reading the input, or the model."""
+    BUILD = 2
+    """Building trees."""
+    WRITE = 3
+    """Encoding and writing blocks."""
+    SEAL = 4
+    """Flushing the file to the disk and giving it its name."""
+    DONE = 5
+    """The work has ended."""
+
+
+class LogLevel(enum.IntEnum):
+    """Severity of a log line."""
+
+    ERROR = 1
+    """An operation failed."""
+    WARNING = 2
+    """Something is wrong, but the operation continues."""
+    INFO = 3
+    """Information for users."""
+    DEBUG = 4
+    """Information for developers."""
+
+
+class InstructionSet(enum.IntEnum):
+    """Set of vector instructions."""
+
+    BEST = 0
+    """The best set that the machine has."""
+    BASELINE = 1
+    """The set that every machine of this architecture has."""
+    AVX2 = 2
+    """AVX2."""
+    AVX512 = 3
+    """AVX-512."""
+
+
+class ContextFlags(enum.IntFlag):
+    """Flags of ContextDesc."""
+
+    NO_READ_AHEAD = 1
+    """The library reads only the data that frames and queries need. Without this flag it also reads the geometry and
+    colours of a model that fits the memory budget, in the background, while nothing more urgent waits to be read.
+    Primitive ids are read only on request.
+    """
+
+
+class Property(enum.IntEnum):
+    """Property of a context."""
+
+    VERSION = 1
+    """Version of the library, in the format of OC_HEADER_VERSION."""
+    THREADS = 2
+    """Number of the library's own threads."""
+    CONCURRENCY = 3
+    """Number of threads, the library's or the host's, that may work at once."""
+    MEMORY_BUDGET = 4
+    """Memory budget in bytes."""
+    INSTRUCTION_SET = 5
+    """Vector instructions in use: one of the InstructionSet constants."""
+    MAX_FRAME_SIZE = 6
+    """Largest width and height of a frame, in pixels."""
+    FORMAT = 7
+    """Newest format of model files that the library reads: major * 65536 + minor."""
+    MEMORY_USED = 8
+    """Bytes of the memory budget that are in use now."""
+
+
+class Structure(enum.IntEnum):
+    """Acceleration structure of a model."""
+
+    DEFAULT = 0
+    """The library chooses. At present Structure.BVH."""
+    BVH = 1
+    """A wide, quantised bounding volume hierarchy."""
+
+
+class Splits(enum.IntEnum):
+    """Spatial splits: a triangle may be referenced by several leaves. This speeds up models with long thin
+    triangles.
+    """
+
+    AUTO = 0
+    """Split if it speeds up the model."""
+    OFF = 1
+    """Never split."""
+    ON = 2
+    """Always split."""
+
+
+class Resolution(enum.IntEnum):
+    """Answer of oc_resolve_fn."""
+
+    DEFAULT = 0
+    """The library looks for the file, by the rule of `trusted_folder` in BuildOptions."""
+    BYTES = 1
+    """The content of the file is at `bytes`."""
+    PATH = 2
+    """The file at `path` is read, wherever it is."""
+    REFUSED = 3
+    """The file must not be read."""
+
+
+class Scalar(enum.IntEnum):
+    """Type of coordinates."""
+
+    F32 = 0
+    """float."""
+    F64 = 1
+    """double."""
+
+
+class Index(enum.IntEnum):
+    """Type of indices."""
+
+    NONE = 0
+    """No indices: each three successive corners are a triangle."""
+    U32 = 1
+    """uint32_t."""
+    U64 = 2
+    """uint64_t."""
+
+
+class UpAxis(enum.IntEnum):
+    """Axis that points up."""
+
+    UNKNOWN = 0
+    """Unknown. The views of oc_model_get_view then take +Z."""
+    X = 1
+    """+X."""
+    Y = 2
+    """+Y (glTF)."""
+    Z = 3
+    """+Z (most CAD)."""
+
+
+class CameraKind(enum.IntEnum):
+    """Kind of a camera."""
+
+    PERSPECTIVE = 0
+    """All rays start at the eye."""
+    ORTHOGRAPHIC = 1
+    """Parallel rays start on a plane through the eye. Nothing behind the plane is visible."""
+
+
+class LightKind(enum.IntEnum):
+    """Kind of a light."""
+
+    HEAD = 0
+    """At the eye. No falloff, no shadows."""
+    POINT = 1
+    """At a point. Its light falls off with the square of the distance."""
+    DIRECTIONAL = 2
+    """Infinitely far away."""
+
+
+class LookFlags(enum.IntFlag):
+    """Flags of Look: how an instance or a part is shown."""
+
+    HIDDEN = 1
+    """Hidden: no ray hits it. A part of opacity 0 looks the same, but rays hit it: hide the parts that picks and
+    queries must not return.
+    """
+    SELECTED = 2
+    """Highlighted."""
+    COLOURED = 4
+    """Shown in the colour of Look instead of its own."""
+
+
+class PartsFlags(enum.IntFlag):
+    """Flags of a choice of parts."""
+
+    BELOW = 1
+    """The parts below the given parts are meant too: all parts whose chain of parents leads to one of them."""
+
+
+class Want(enum.IntFlag):
+    """Flags: members of Hit to compute, combined with `|`. Fewer members take less time."""
+
+    T = 1
+    """Only `t` and `kind`, which are always set."""
+    POSITION = 2
+    """`position`."""
+    NORMAL = 4
+    """`normal`."""
+    UV = 8
+    """`uv`."""
+    PART = 16
+    """`part`."""
+    INSTANCE = 32
+    """`instance`."""
+    PRIM = 64
+    """`prim`. May have to read the disk."""
+    ERROR = 128
+    """`error` and `t_free`; `t` in double precision."""
+    ALL = 255
+    """All members but `shading_normal`."""
+    SHADING_NORMAL = 256
+    """`shading_normal`. May have to read the disk."""
+
+
+class QueryFlags(enum.IntFlag):
+    """Flags of Query."""
+
+    COHERENT = 1
+    """Hint: each 32 successive rays start near each other and have similar directions. They are traced as one
+    packet, which is faster. The answers do not change. Without the flag, the library recognises rays of
+    neighbouring pixels if they enter few placed meshes.
+    """
+    NOW = 2
+    """Answer at once from the data in memory. Stand-ins replace missing data; their hits are HitKind.MISSING. The
+    call neither reads nor requests data (oc_scene_prefetch_box does). Without the flag, the call reads all data
+    that it needs, and the answers do not depend on the data in memory.
+    """
+
+
+class HitKind(enum.IntEnum):
+    """Kind of a hit."""
+
+    MISS = 0
+    """No hit between t_min and t_max, or stand-ins in the interval transmitted the ray (see `t_free`)."""
+    EXACT = 1
+    """Hit on an original triangle, of any opacity (also 0), unless its part or instance is hidden."""
+    LOD = 2
+    """Hit on a stand-in as fine as the ray's cone requires: a cell that contains original surface.
+    - `t`: where the ray enters the cell.
+    - `normal`: mean normal of the surface visible there.
+    - `part`: the part with the largest visible area, over all directions.
+    - `uv`, `prim`: as for a miss.
+
+    A cell with wires, leaves or the like is a partly open stand-in: it transmits the same share of rays as its
+    content does (see `t_free`).
+    """
+    MISSING = 3
+    """Hit on a stand-in that is coarser than required, because the data below it is not in memory. Only frames and
+    QueryFlags.NOW return it. Members as for HitKind.LOD.
+
+    An exact hit whose primitive id was requested (Want.PRIM, part of the default) but is not in memory has this
+    kind too. Its other members are those of the exact hit; `prim` is OC_NO_ID.
+
+    Exception: if the ray starts inside of the cell, `t` is where it leaves the cell and `t_free` is t_min: the
+    cell may contain surface anywhere.
+    """
+
+
+class OverlapKind(enum.IntEnum):
+    """How a part intersects a volume."""
+
+    INTERSECTS = 1
+    """Some of the part is inside the volume or touches it."""
+    INSIDE = 2
+    """All of the part is inside the volume."""
+
+
+class Buffer(enum.IntEnum):
+    """Buffer of a picture. The first row is the top one, the first pixel of a row the left one."""
+
+    COLOUR_SRGB8 = 0
+    """4 bytes: red, green and blue in sRGB, and linear alpha."""
+    COLOUR_LINEAR = 1
+    """4 floats: linear RGB, not clamped, and alpha."""
+    DEPTH = 2
+    """1 float: distance from the eye along the view direction, in world units. Miss: infinity."""
+    NORMAL = 3
+    """3 floats: unit geometric normal in world space, on the side of the eye. Miss: 0."""
+    PART = 4
+    """1 uint64_t: id of the part. Miss: OC_NO_ID."""
+    PRIM = 5
+    """1 uint64_t: index of the triangle in the input of the build. OC_NO_ID for a miss, for a stand-in, and in early
+    pictures for a triangle whose id is not read yet.
+    """
+    INSTANCE = 6
+    """1 uint64_t: id of the instance. Miss: OC_NO_ID."""
+    KIND = 7
+    """1 byte: one of the HitKind constants."""
+    ERROR = 8
+    """1 float: an original surface lies within this distance of the surface shown, in world units. Infinity if
+    stand-ins have transmitted the ray to a triangle or to the background: an original surface may lie anywhere
+    before it.
+    """
+    SHADING_NORMAL = 9
+    """3 floats: unit normal in world space with which the surface is shaded, see `Hit.shading_normal`. Miss: 0."""
+
+
+class FrameFlags(enum.IntFlag):
+    """Flags of FrameSettings."""
+
+    AT_ONCE = 1
+    """If the data of the picture does not fit the memory budget at once, the request ends with the picture that
+    does, as State.COMPLETE_WITHIN_BUDGET. That picture has one threshold, `effective_poe`, and may be coarser in
+    places than those before. The threshold may depend on earlier views. Without this flag the request goes on
+    until the picture is as requested, whatever was seen before.
+    """
+
+
+class Format(enum.IntEnum):
+    """Type of the elements of a buffer."""
+
+    U8X4 = 1
+    """4 bytes."""
+    F32X4 = 2
+    """4 floats."""
+    F32 = 3
+    """1 float."""
+    F32X3 = 4
+    """3 floats."""
+    U64 = 5
+    """1 uint64_t."""
+    U8 = 6
+    """1 byte."""
+
+
+__all__ = [
+    "Status", "State", "Phase", "LogLevel", "InstructionSet", "ContextFlags", "Property", "Structure", "Splits",
+    "Resolution", "Scalar", "Index", "UpAxis", "CameraKind", "LightKind", "LookFlags", "PartsFlags", "Want",
+    "QueryFlags", "HitKind", "OverlapKind", "Buffer", "FrameFlags", "Format",
+]

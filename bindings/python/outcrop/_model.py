@@ -1,0 +1,70 @@
+"""Models: built files that are opened for reading."""
+
+from __future__ import annotations
+
+import ctypes as c
+
+from . import _abi
+from ._handles import Handle
+from ._library import lib
+from ._values import Camera, ModelInfo, PartInfo
+
+
+class Model(Handle):
+    """A built model, opened by `Context.open`. Scenes share it."""
+
+    _kind = "Model"
+    _release = lib.oc_model_release
+
+    @property
+    def info(self) -> ModelInfo:
+        """Bounds, counts, and the bytes in memory now."""
+        info = _abi.oc_model_info()
+        lib.oc_model_get_info(self._h, c.byref(info))
+        return ModelInfo._from_c(info)
+
+    @property
+    def bounds(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Least and greatest corner of all triangles."""
+        info = self.info
+        return tuple(info.bounds_min), tuple(info.bounds_max)
+
+    def _part_at(self, index: int) -> PartInfo:
+        part = _abi.oc_part_info()
+        lib.oc_model_get_part(self._h, index, c.byref(part))
+        return PartInfo._from_c(part)
+
+    @property
+    def parts(self) -> list[PartInfo]:
+        """All parts. `parent` of a part is an index of this list, or NO_INDEX."""
+        return [self._part_at(index) for index in range(self.info.parts)]
+
+    def find_part(self, part: int) -> int:
+        """Returns the index in `parts` of a part, given by id.
+
+        Raises:
+            ArgumentError: no part has the id.
+        """
+        index = c.c_uint32()
+        lib.oc_model_find_part(self._h, part, c.byref(index))
+        return index.value
+
+    def part(self, part: int) -> PartInfo:
+        """Returns a part, given by id, e.g. that of a hit.
+
+        Raises:
+            ArgumentError: no part has the id.
+        """
+        return self._part_at(self.find_part(part))
+
+    def view(self, number: int = 0) -> Camera:
+        """Returns a perspective camera: 0 and 1 show the whole model, 2 and 3 from a quarter of the distance."""
+        camera = _abi.oc_camera()
+        lib.oc_model_get_view(self._h, number, c.byref(camera))
+        return Camera._from_c(camera)
+
+    def __repr__(self) -> str:
+        if self.closed:
+            return "<Model, closed>"
+        info = self.info
+        return f"<Model of {info.triangles_placed} triangles in {info.parts} parts>"

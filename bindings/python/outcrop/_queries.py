@@ -1,0 +1,173 @@
+"""Queries of a scene: batches of rays, volumes, and reading ahead."""
+
+from __future__ import annotations
+
+import ctypes as c
+from typing import Any, Callable
+
+import numpy
+from numpy.typing import ArrayLike, NDArray
+
+from . import _abi, _values
+from ._arrays import HIT, OVERLAP, PLANE, RAY, Array, address, elements, floats, given, rays, stride_of
+from ._enums import HitKind, QueryFlags, Status, Want
+from ._errors import StateError
+from ._handles import Handle, made
+from ._jobs import Job
+from ._library import lib
+from ._value import Vector, numbers, whole
+from ._values import Camera, Progress
+
+
+class Hit(_values.Hit):
+    """The closest hit of one ray. A miss is false."""
+
+    def __bool__(self) -> bool:
+        return self.kind != HitKind.MISS
+
+
+class _Batch:
+    """A checked batch: the arrays, and the struct that points to them."""
+
+    def __init__(self, origins: ArrayLike | Array, directions: ArrayLike | None, want: Want, coherent: bool, now: bool,
+                 options: dict[str, Any]) -> None:
+        if directions is not None:
+            self.rays = rays(origins, directions, **options)
+        elif options:
+            raise TypeError(f"{', '.join(options)}: members of the ray array; give directions, or set them there")
+        else:
+            self.rays = elements("rays", origins, RAY, "RAY")
+        flags = (QueryFlags.COHERENT if coherent else 0) | (QueryFlags.NOW if now else 0)
+        self.struct = _abi.oc_query(want=whole("want", want, 32), flags=flags, count=self.rays.size,
+                                    rays=address(self.rays), stride=stride_of("rays", self.rays))
+
+    def output(self, name: str, out: Array | None, dtype: numpy.dtype[Any], of: str) -> Array:
+        """Returns memory for the answers: that of the caller, or new."""
+        if out is None:
+            return numpy.empty(self.rays.shape, dtype)
+        if of == "HIT":
+            elements(name, out, dtype, of)
+        elif not isinstance(out, numpy.ndarray) or out.dtype not in (numpy.bool_, numpy.uint8):
+            raise TypeError(f"{name}: expected an array of bool or uint8")
+        if out.shape != self.rays.shape or not out.flags.writeable:
+            raise ValueError(f"{name}: expected writeable memory of shape {self.rays.shape}, not {given(out)}")
+        return out
+
+
+class Queries(Handle):
+    """The queries of a scene. They see its committed state."""
+
+    def closest(self, origins: ArrayLike | Array, directions: ArrayLike | None = None, *, want: Want = Want.ALL,
+                coherent: bool = False, now: bool = False, out: Array | None = None, **members: Any) -> Array:
+        """Returns the closest hit of each ray, as an array of dtype HIT and of the shape of the rays.
+
+        origins, directions: (N, 3) or (..., 3) arrays; one of them may be a single vector. `members` are those of
+            `rays`: t_min, t_max, cone_a, cone_b, mask. Or only an array of dtype RAY, which is read in place.
+        want: members of the hits to compute. Fewer take less time.
+        coherent: a hint that each 32 successive rays start near each other and have similar directions.
+        now: answer at once from the data in memory.
+        out: memory for the hits, see `empty_hits`.
+
+        Ctrl-C cancels the query and raises KeyboardInterrupt.
+        """
+        return self.closest_start(origins, directions, want=want, coherent=coherent, now=now, out=out,
+                                  **members).result()
+
+    def closest_start(self, origins: ArrayLike | Array, directions: ArrayLike | None = None, *, want: Want = Want.ALL,
+                      coherent: bool = False, now: bool = False, out: Array | None = None,
+                      **members: Any) -> Job[Array]:
+        """Begins `closest` in the background. The result of the job are the hits.
+
+        An array of dtype RAY must stay unchanged until the job has ended.
+        """
+        batch = _Batch(origins, directions, want, coherent, now, members)
+        hits = batch.output("out", out, HIT, "HIT")
+        return self._start(lib.oc_scene_closest_start, batch, hits, hits)
+
+    def any(self, origins: ArrayLike | Array, directions: ArrayLike | None = None, *, coherent: bool = False,
+            now: bool = False, out: Array | None = None, **members: Any) -> NDArray[numpy.bool_]:
+        """Returns for each ray whether it hits anything. Faster than `closest`. Arguments as there."""
+        return self.any_start(origins, directions, coherent=coherent, now=now, out=out, **members).result()
+
+    def any_start(self, origins: ArrayLike | Array, directions: ArrayLike | None = None, *, coherent: bool = False,
+                  now: bool = False, out: Array | None = None, **members: Any) -> Job[NDArray[numpy.bool_]]:
+        """Begins `any` in the background. The result of the job are the answers."""
+        batch = _Batch(origins, directions, Want.ALL, coherent, now, members)
+        answers = batch.output("out", out, numpy.dtype(numpy.bool_), "bool")
+        return self._start(lib.oc_scene_any_start, batch, answers, answers.view(numpy.bool_))
+
+    def _start(self, call: Callable[..., Any], batch: _Batch, memory: Array, result: Array) -> Job[Array]:
+        job = made(call, self._h, c.byref(batch.struct), address(memory), stride_of("out", memory))
+        return Job(job, self._h, lambda _job, _progress: result, (batch, memory))
+
+    def closest_one(self, origin: Vector, direction: Vector, *, want: Want = Want.ALL, now: bool = False) -> Hit:
+        """Returns the closest hit of one ray. A miss is false.
+
+        The call itself traces: it is the fastest for a single ray, and Ctrl-C does not end it.
+        """
+        ray = _abi.oc_ray(numbers("origin", origin, c.c_double, 3), 0.0, float("inf"),
+                          numbers("direction", direction, c.c_float, 3), 0.0, 0.0, 0xFFFFFFFF)
+        query = _abi.oc_query(want=whole("want", want, 32), flags=QueryFlags.NOW if now else 0, count=1,
+                              rays=c.addressof(ray))
+        hit = _abi.oc_hit()
+        lib.oc_scene_closest(self._h, c.byref(query), c.byref(hit), 0)
+        return Hit._from_c(hit)
+
+    def any_one(self, origin: Vector, direction: Vector, *, t_min: float = 0.0, t_max: float = float("inf"),
+                now: bool = False) -> bool:
+        """Returns whether one ray hits anything between t_min and t_max, e.g. whether one point sees another."""
+        ray = _abi.oc_ray(numbers("origin", origin, c.c_double, 3), t_min, t_max,
+                          numbers("direction", direction, c.c_float, 3), 0.0, 0.0, 0xFFFFFFFF)
+        query = _abi.oc_query(flags=QueryFlags.NOW if now else 0, count=1, rays=c.addressof(ray))
+        answer = c.c_uint8()
+        lib.oc_scene_any(self._h, c.byref(query), c.byref(answer), 0)
+        return bool(answer.value)
+
+    def overlap_box(self, low: Vector, high: Vector) -> Array:
+        """Returns the visible parts that intersect a box, as an array of dtype OVERLAP. The test is exact."""
+        corners = numbers("low", low, c.c_double, 3), numbers("high", high, c.c_double, 3)
+        return self._overlaps(lib.oc_scene_overlap_box, *corners)
+
+    def overlap_frustum(self, planes: ArrayLike | Array) -> Array:
+        """Returns the visible parts that intersect the common part of half spaces, e.g. of the six of a frustum.
+
+        planes: (N, 4): normals that point inward, and offsets d: the points p with dot(normal, p) + d >= 0. Or an
+            array of dtype PLANE.
+        """
+        if not isinstance(planes, numpy.ndarray) or planes.dtype != PLANE:
+            rows = floats("planes", planes)
+            if rows.ndim != 2 or rows.shape[1] != 4:
+                raise ValueError(f"planes: expected shape (N, 4), float32 or float64, not {given(rows)}")
+            planes = numpy.ascontiguousarray(rows, numpy.float64)
+        packed = numpy.ascontiguousarray(planes)
+        return self._overlaps(lib.oc_scene_overlap_frustum, address(packed), len(packed))
+
+    def _overlaps(self, call: Callable[..., Any], *volume: Any) -> Array:
+        """Counts the parts first. Another commit between the calls can add some: then it counts again."""
+        count, capacity = c.c_uint64(), 0
+        found = numpy.empty(0, OVERLAP)
+        while True:
+            try:
+                call(self._h, *volume, address(found), capacity, c.byref(count))
+            except StateError as error:
+                if error.status != Status.BUFFER_TOO_SMALL:
+                    raise
+            if count.value <= capacity:
+                return found[:count.value]
+            capacity = count.value
+            found = numpy.empty(capacity, OVERLAP)
+
+    def prefetch_box(self, low: Vector, high: Vector, cell: float = 0.0) -> Job[Progress]:
+        """Begins to read the part of the scene that lies in a box, in the background.
+
+        cell: length in world units. Only blocks below longer cells are read. 0: all blocks of geometry.
+        """
+        job = made(lib.oc_scene_prefetch_box, self._h, numbers("low", low, c.c_double, 3),
+                   numbers("high", high, c.c_double, 3), cell)
+        return Job(job, self._h, lambda _job, progress: progress)
+
+    def prefetch_camera(self, camera: Camera, width: int, height: int, poe: float = 0.0) -> Job[Progress]:
+        """Begins to read the blocks that a picture would need, in the background, e.g. for the next view."""
+        job = made(lib.oc_scene_prefetch_camera, self._h, c.byref(camera._to_c()), whole("width", width, 32),
+                   whole("height", height, 32), poe)
+        return Job(job, self._h, lambda _job, progress: progress)

@@ -1,0 +1,137 @@
+"""Scenes: instances of models, lights, and the looks of parts."""
+
+from __future__ import annotations
+
+import ctypes as c
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from typing import Any, Union
+
+from numpy.typing import ArrayLike
+
+from . import _abi
+from ._arrays import address, ids, matrix
+from ._enums import LookFlags, PartsFlags
+from ._handles import Reference, made
+from ._library import lib
+from ._model import Model
+from ._queries import Queries
+from ._value import Vector, numbers, whole
+from ._values import Background, Light
+
+Placed = Union[Model, "tuple[int, Model]", "tuple[int, Model, ArrayLike | None]"]
+"""An instance: a model, or (id, model), or (id, model, transform)."""
+
+
+class Scene(Queries):
+    """Instances of models, lights and looks. Edits take effect together, at `commit()` or at the end of `edit()`.
+
+    Frames and batches in flight keep the state that they began with.
+    """
+
+    _kind = "Scene"
+    _release = lib.oc_scene_release
+
+    def __init__(self, context: Reference) -> None:
+        super().__init__(made(lib.oc_scene_create, context), context)
+
+    def commit(self) -> None:
+        """Makes all edits since the last commit take effect, for all that begins later."""
+        lib.oc_scene_commit(self._h)
+
+    @contextmanager
+    def edit(self) -> Iterator[Scene]:
+        """Commits at the end of the `with` block, unless it raises an exception."""
+        yield self
+        self.commit()
+
+    def add(self, id: int, model: Model, transform: ArrayLike | None = None) -> None:
+        """Adds a model as an instance.
+
+        id: your own, unique in the scene.
+        transform: a (4, 4) or (3, 4) matrix that transforms columns, or 12 numbers by column (x axis, y axis, z axis,
+            origin). None: the identity.
+        """
+        lib.oc_scene_add_instance(self._h, model._h, whole("id", id), matrix("transform", transform))
+
+    def add_all(self, instances: Placed | Iterable[Placed]) -> None:
+        """Adds instances. Models without an id get 1, 2, 3, ..."""
+        listed = [instances] if isinstance(instances, Model) else list(instances)
+        for number, one in enumerate(listed, 1):
+            if isinstance(one, Model):
+                self.add(number, one)
+            elif isinstance(one, tuple) and len(one) in (2, 3) and isinstance(one[1], Model):
+                self.add(*one)
+            else:
+                raise TypeError(f"instances[{number - 1}]: expected a Model, (id, model) or (id, model, transform), "
+                                f"not {one!r}")
+
+    def remove(self, id: int) -> None:
+        """Removes an instance."""
+        lib.oc_scene_remove_instance(self._h, whole("id", id))
+
+    def set_transform(self, id: int, transform: ArrayLike | None) -> None:
+        """Replaces the transform of an instance. See `add`."""
+        lib.oc_scene_set_transform(self._h, whole("id", id), matrix("transform", transform))
+
+    def set_mask(self, id: int, mask: int) -> None:
+        """Sets the mask of an instance. A ray can hit it only if its mask has a common bit. Initially all are set."""
+        lib.oc_scene_set_instance_mask(self._h, whole("id", id), whole("mask", mask, 32))
+
+    def set_model(self, id: int, model: Model) -> None:
+        """Exchanges the model of an instance, e.g. after it was built anew. Parts keep their looks, by id."""
+        lib.oc_scene_set_model(self._h, whole("id", id), model._h)
+
+    def set_lights(self, lights: Iterable[Light]) -> None:
+        """Replaces all lights. Without lights only the ambient light of the frame remains."""
+        structs: list[Any] = [light._to_c() for light in lights]
+        array = (_abi.oc_light * len(structs))(*structs)
+        lib.oc_scene_set_lights(self._h, array, len(structs), 0)
+
+    def set_background(self, background: Background | None) -> None:
+        """Replaces the background. None: the initial grey one."""
+        lib.oc_scene_set_background(self._h, None if background is None else c.byref(background._to_c()))
+
+    def set_look(self, id: int, *, hidden: bool = False, selected: bool = False, colour: Vector | None = None) -> None:
+        """Sets the look of an instance. Without arguments it looks as in the file."""
+        lib.oc_scene_set_instance_look(self._h, whole("id", id), c.byref(_look(hidden, selected, colour)))
+
+    def set_part_look(self, part: int, *, hidden: bool = False, selected: bool = False, colour: Vector | None = None,
+                      instance: int = 1) -> None:
+        """Sets the look of a part, given by id. Its child parts do not change. See `set_parts_look`."""
+        lib.oc_scene_set_part_look(self._h, whole("instance", instance), whole("part", part),
+                                   c.byref(_look(hidden, selected, colour)))
+
+    def set_parts_look(self, parts: ArrayLike, *, hidden: bool = False, selected: bool = False,
+                       colour: Vector | None = None, below: bool = False, instance: int = 1) -> None:
+        """Sets the look of many parts of an instance. Without `hidden`, `selected` and `colour`: as in the file.
+
+        parts: ids of parts; an array of uint64 is read in place.
+        hidden: no ray hits the parts.
+        colour: linear RGB or RGBA; alpha is the opacity. None: the parts' own.
+        below: all parts below them are meant too.
+        """
+        chosen = ids("parts", parts)
+        lib.oc_scene_set_parts_look(self._h, whole("instance", instance), address(chosen), len(chosen),
+                                    PartsFlags.BELOW if below else 0, c.byref(_look(hidden, selected, colour)))
+
+    def isolate(self, parts: ArrayLike, *, below: bool = False, instance: int = 1) -> None:
+        """Hides all parts of an instance but these, and shows these. Colours and highlights do not change."""
+        chosen = ids("parts", parts)
+        lib.oc_scene_isolate(self._h, whole("instance", instance), address(chosen), len(chosen),
+                             PartsFlags.BELOW if below else 0)
+
+    def clear_part_looks(self, instance: int = 1) -> None:
+        """Shows all parts of an instance as in the file."""
+        lib.oc_scene_clear_part_looks(self._h, whole("instance", instance))
+
+
+def _look(hidden: bool, selected: bool, colour: Vector | None) -> _abi.oc_look:
+    """Returns the struct of a look."""
+    flags = (LookFlags.HIDDEN if hidden else 0) | (LookFlags.SELECTED if selected else 0)
+    look = _abi.oc_look(flags=flags)
+    if colour is not None:
+        rgba = [*colour, 1.0] if len(colour) == 3 else list(colour)
+        look.flags |= LookFlags.COLOURED
+        look.colour = numbers("colour", rgba, c.c_float, 4)
+    return look

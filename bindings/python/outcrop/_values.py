@@ -1,0 +1,490 @@
+"""Structs without pointers, as dataclasses. A member that is 0 has its documented default.
+
+This file is generated from include/outcrop.h: run `python3 generate.py`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from . import _abi
+from ._enums import (
+    CameraKind, FrameFlags, HitKind, LightKind, LookFlags, OverlapKind, Phase, Splits, State, Status, Structure,
+    UpAxis,
+)
+from ._value import Value, Vector
+
+
+@dataclass
+class Progress(Value):
+    """Progress of long work: builds, loads, batches of rays, prefetches and frames."""
+
+    _struct = _abi.oc_progress
+
+    state: State = State(0)
+    """One of the State constants."""
+    fraction: float = 0.0
+    """Share of the work that is done, 0 to 1. Never decreases."""
+    done: int = 0
+    """Units done. Builds: triangles read. Batches: rays answered. Frames: pixels. Prefetches: blocks read."""
+    total: int = 0
+    """Units in total. 0: unknown."""
+    bytes: int = 0
+    """Builds and loads: bytes read and written so far. Frames and prefetches: bytes in memory."""
+    need: int = 0
+    """The least budget in bytes that suffices, if `error` is Status.OVER_BUDGET. Otherwise 0."""
+    error: Status = Status(0)
+    """Reason why the work failed or was cancelled. For a frame in State.COMPLETE_WITHIN_BUDGET: the reason why some
+    data could not be read, else Status.OK. After a poll or wait, oc_last_error returns the reason in words.
+    """
+    phase: Phase = Phase(0)
+    """Builds and loads: one of the Phase constants."""
+
+
+@dataclass
+class BuildOptions(Value):
+    """Options of a build. All zeros: suitable for most models."""
+
+    _struct = _abi.oc_build_desc
+
+    structure: Structure = Structure(0)
+    """One of the Structure constants."""
+    memory_budget: int = 0
+    """Limit in bytes of the memory that the build takes, at least 32 MiB. Data that does not fit goes to temporary
+    files. Names, parts, instances and one texture may take 64 MiB more. If names, parts and instances do not fit,
+    the job fails with Status.OVER_BUDGET and names a budget that suffices for them; a texture that does not fit
+    is left out with a note. Not included: vertices of OBJ files, colours of PLY vertices, buffers of glTF files.
+    0: no limit.
+    """
+    temp_dir: str | None = None
+    """Folder for temporary files. NULL: the system's (`TMPDIR`, if it is set). The folder is not accessed before the
+    first temporary file is written.
+    """
+    metres_per_unit: float = 0.0
+    """Length of a unit in metres, finite and above 0. Overrides the unit of the input. 0: the unit of the input."""
+    up: int = 0
+    """One of the UpAxis constants. Overrides the up axis of the input. UpAxis.UNKNOWN: the up axis of the input."""
+    splits: Splits = Splits(0)
+    """One of the Splits constants."""
+    threads: int = 0
+    """Number of threads, at most four for each core, or 64 if that is more. The build starts its own. 0: as many as
+    the context has. OC_ALL_THREADS: one for each core. In a context without threads of its own, a build uses only
+    the thread that runs it. The model file does not depend on this number.
+    """
+    trusted_folder: str | None = None
+    """A folder of files that mesh files may refer to, with all folders below it. NULL: none.
+
+    By default a mesh file may refer only to files in its own folder and below it: names with `..`, absolute names
+    and symbolic links that lead out of it are refused. If the geometry needs the file (a buffer of glTF), the job
+    fails with Status.PARSE; otherwise (material libraries, textures) the file is left out with a note.
+    """
+    max_triangles: int = 0
+    """Greatest number of triangles in the input; those of a shared mesh count once. More: Status.OVER_LIMIT. 0: no
+    limit.
+    """
+    max_bytes: int = 0
+    """Greatest number of bytes that the model file and all temporary files take on the disk at any time. More:
+    Status.OVER_LIMIT. 0: no limit.
+    """
+    trust_paths: int = 0
+    """1: mesh files may refer to any file that the process may read. Only for mesh files from a trusted source. 0:
+    the rule of `trusted_folder`.
+    """
+    crease_angle: float = 0.0
+    """Angle in degrees, at most 180, up to which an edge between two triangles appears smooth, if the input has no
+    normals there. 0: 40 degrees, with which chamfers of 45 degrees stay edges. Below 0: no normals are made, and
+    surfaces without normals show their facets.
+    """
+
+
+@dataclass
+class Material(Value):
+    """Material of a part. Colours are linear. All zeros: grey, opaque, matt."""
+
+    _struct = _abi.oc_material
+
+    colour: Vector = (0.0, 0.0, 0.0)
+    """Linear RGB, each 0 to 1. All 0 with opacity 0: grey (0.6)."""
+    opacity: float = 0.0
+    """Opacity, 0 to 1; 1 is opaque. 0: 1."""
+    metalness: float = 0.0
+    """Metalness, 0 to 1."""
+    roughness: float = 0.0
+    """Roughness, 0 to 1. 0: 0.6."""
+
+
+@dataclass
+class Part(Value):
+    """A part: the unit that a user selects, hides or colours."""
+
+    _struct = _abi.oc_part
+
+    material: int = 0
+    """Number of a material from oc_build_add_material. 0: the default material."""
+    id: int = 0
+    """The caller's own id. Must be unique in the build and not OC_NO_ID. Hits and pictures contain it."""
+    parent: int = 0
+    """Id of the parent part, which must have been added before. Ignored if `has_parent` is 0."""
+    name: str | None = None
+    """Name in UTF-8. The string is copied. NULL: no name."""
+    has_parent: int = 0
+    """1: the part has a parent. 0: it has none."""
+
+
+@dataclass
+class BuildReport(Value):
+    """Statistics of a build."""
+
+    _struct = _abi.oc_build_report
+
+    notes: int = 0
+    """Number of notes; oc_job_build_note returns them."""
+    triangles_in: int = 0
+    """Triangles in the input."""
+    triangles_kept: int = 0
+    """Triangles in the model."""
+    dropped_non_finite: int = 0
+    """Triangles dropped because a corner is NaN or infinite."""
+    dropped_degenerate: int = 0
+    """Triangles dropped because they have no area."""
+    dropped_out_of_range: int = 0
+    """Triangles dropped because a corner is more than 1e15 units from the origin of its mesh."""
+    parts: int = 0
+    """Number of parts."""
+    instances: int = 0
+    """Number of placed instances of shared meshes."""
+    geometry_bytes: int = 0
+    """Bytes that the geometry takes in memory when all of it is loaded."""
+    file_bytes: int = 0
+    """Size of the model file in bytes."""
+    seconds_read: float = 0.0
+    """Seconds spent on reading input."""
+    seconds_build: float = 0.0
+    """Seconds spent on building."""
+    seconds_write: float = 0.0
+    """Seconds spent on writing."""
+    position_error: float = 0.0
+    """Greatest distance between a corner of the input and the stored corner, in units of the model."""
+    unusable_normals: int = 0
+    """Normals of the input that are zero, NaN or infinite. The normals of their triangles replace them."""
+
+
+@dataclass
+class ModelInfo(Value):
+    """Properties of a model."""
+
+    _struct = _abi.oc_model_info
+
+    up: UpAxis = UpAxis(0)
+    """One of the UpAxis constants."""
+    bounds_min: Vector = (0.0, 0.0, 0.0)
+    """Least corner of the bounds of all triangles, in model space. Greater than `bounds_max` if there are none."""
+    bounds_max: Vector = (0.0, 0.0, 0.0)
+    """Greatest corner of the bounds."""
+    metres_per_unit: float = 0.0
+    """Length of a unit in metres. 0: unknown."""
+    triangles_in: int = 0
+    """Number of triangles in the input of the build."""
+    triangles_stored: int = 0
+    """Number of triangles stored. Triangles of shared meshes count once."""
+    triangles_placed: int = 0
+    """Number of triangles visible in the model. Triangles of shared meshes count once for each instance."""
+    file_bytes: int = 0
+    """Size of the file in bytes."""
+    geometry_bytes: int = 0
+    """Bytes that all nodes and triangles take in memory."""
+    resident_bytes: int = 0
+    """Bytes in memory now, including tables."""
+    parts: int = 0
+    """Number of parts."""
+    instances: int = 0
+    """Number of instances of shared meshes."""
+    blocks: int = 0
+    """Number of blocks of geometry."""
+    has_colours: int = 0
+    """1: triangles may have colours of their own. 0: they have the colours of their parts."""
+    has_normals: int = 0
+    """1: triangles may have normals at their corners that make them appear smooth. 0: each has only its own."""
+
+
+@dataclass
+class PartInfo(Value):
+    """Properties of a part of a model."""
+
+    _struct = _abi.oc_part_info
+
+    parent: int = 0
+    """Index of the parent part. OC_NO_INDEX: it has none."""
+    id: int = 0
+    """Id of the part, as passed when the model was built."""
+    name: str | None = None
+    """Name in UTF-8; may be empty. The model owns the string: it is valid as long as the model."""
+    triangles: int = 0
+    """Number of the part's own triangles, without those of its child parts."""
+    bounds_min: Vector = (0.0, 0.0, 0.0)
+    """Least corner of the bounds of these triangles, in model space. Greater than `bounds_max` if there are none."""
+    bounds_max: Vector = (0.0, 0.0, 0.0)
+    """Greatest corner of the bounds."""
+    colour: Vector = (0.0, 0.0, 0.0, 0.0)
+    """Material: linear RGBA. Alpha is the opacity."""
+    metalness: float = 0.0
+    """Material: metalness, 0 to 1."""
+    roughness: float = 0.0
+    """Material: roughness, 0 to 1."""
+
+
+@dataclass
+class Camera(Value):
+    """A camera in world space. All numbers must be finite."""
+
+    _struct = _abi.oc_camera
+
+    kind: CameraKind = CameraKind(0)
+    """One of the CameraKind constants."""
+    eye: Vector = (0.0, 0.0, 0.0)
+    """Position of the eye. Orthographic: the centre of the picture's plane."""
+    at: Vector = (0.0, 0.0, 0.0)
+    """Target point. Only the direction from the eye to it matters. Must differ from the eye."""
+    up: Vector = (0.0, 0.0, 0.0)
+    """Direction that is up in the picture. Need not be unit. Must not be parallel to the view. All 0: +Z."""
+    fov_y: float = 0.0
+    """Perspective: vertical field of view in degrees, above 0 and below 180. 0: 45. Orthographic: ignored."""
+    height: float = 0.0
+    """Orthographic: height of the picture in world units, above 0. Perspective: ignored."""
+
+
+@dataclass
+class Light(Value):
+    """A light. Element of an array. All zeros: a white headlight."""
+
+    _struct = _abi.oc_light
+
+    vector: Vector = (0.0, 0.0, 0.0)
+    """World space, finite. Point light: position. Directional light: direction in which the light travels; must not
+    be zero, need not be unit. Headlight: ignored.
+    """
+    colour: Vector = (0.0, 0.0, 0.0)
+    """Linear RGB, finite and 0 or more. All 0: white."""
+    intensity: float = 0.0
+    """Factor of the colour, finite and 0 or more. A white matt surface that faces a light of intensity 1 is white
+    (point light: at distance 1). 0: 1.
+    """
+    kind: LightKind = LightKind(0)
+    """One of the LightKind constants."""
+    shadows: int = 0
+    """1: the light casts shadows. 0: it does not. A transparent part transmits the share 1 - opacity of the light,
+    as it does of the surfaces seen through it.
+    """
+
+
+@dataclass
+class Background(Value):
+    """Background of a picture: a vertical gradient. All numbers must be finite and 0 or more. All zeros: black and
+    transparent.
+    """
+
+    _struct = _abi.oc_background
+
+    bottom: Vector = (0.0, 0.0, 0.0, 0.0)
+    """Linear RGBA at the bottom of the picture."""
+    top: Vector = (0.0, 0.0, 0.0, 0.0)
+    """Linear RGBA at the top of the picture."""
+
+
+@dataclass
+class Look(Value):
+    """Appearance of an instance or a part. All zeros: unchanged."""
+
+    _struct = _abi.oc_look
+
+    flags: LookFlags = LookFlags(0)
+    """LookFlags flags, combined with `|`."""
+    colour: Vector = (0.0, 0.0, 0.0, 0.0)
+    """Linear RGBA, finite and 0 or more. Alpha is the opacity, at most 1. Ignored without LookFlags.COLOURED."""
+
+
+@dataclass
+class Ray(Value):
+    """A ray. Element of an array. Distances `t` along a ray are in units of the length of `direction`."""
+
+    _struct = _abi.oc_ray
+
+    origin: Vector = (0.0, 0.0, 0.0)
+    """Start point, world space. Not finite: the ray misses."""
+    t_min: float = 0.0
+    """Start of the interval: hits with a smaller `t` are ignored. Below 0: counts as 0. Infinite or NaN: the ray
+    misses.
+    """
+    t_max: float = 0.0
+    """End of the interval: hits with a greater `t` are ignored. 0: no end. Below `t_min` or NaN: the ray misses."""
+    direction: Vector = (0.0, 0.0, 0.0)
+    """Direction; need not be unit. Zero or not finite: the ray misses. Components below 1.2e-38 count as zero."""
+    cone_a: float = 0.0
+    """Footprint of the ray: its width at `t` is `cone_a + cone_b * t`, in world units. A stand-in may replace
+    triangles if the area of its box, projected along the ray, is at most the square of the width there.
+
+    - Exact answers: `cone_a` = 0, `cone_b` = 0.
+    - p pixels of error, perspective camera, direction of length 1 along the view axis: `cone_a` = 0, `cone_b` =
+      sqrt(p) * 2 tan(fov_y / 2) / (height of the picture in pixels). For a unit direction at the angle a to that
+      axis, times cos(a).
+    - p pixels of error, orthographic camera: `cone_b` = 0, `cone_a` = sqrt(p) * (height of the picture in world
+      units) / (height of the picture in pixels).
+
+    Below 0 or NaN: counts as 0. Infinite: the coarsest stand-ins.
+    """
+    cone_b: float = 0.0
+    """See `cone_a`."""
+    mask: int = 0
+    """The ray can hit an instance only if the masks of both have a common bit. 0: all instances."""
+
+
+@dataclass
+class Hit(Value):
+    """Closest hit of a ray. Element of an array. Members that were not requested have the values of a miss."""
+
+    _struct = _abi.oc_hit
+
+    t: float = 0.0
+    """Distance from the origin, in units of the direction's length. Miss: infinity.
+
+    The interval includes both ends. To find the surface behind a hit, trace the ray again with `t_min` set to the
+    next larger double after `t`. Exceptions:
+    - Two surfaces closer to each other than `t - t_free` may be returned in either order.
+    - Within the single-precision rounding error of the origin, a surface behind the origin may be returned at 0,
+      and one in front of it may be missed.
+    - Within the same error of an end of the interval, a surface that the ray meets within about 4 degrees of
+      edge-on may be missed.
+
+    Precision: double with `Want.POSITION` or `Want.ERROR`, otherwise single. In single precision, the error on
+    long thin triangles near the origin can exceed the last digits.
+    """
+    position: Vector = (0.0, 0.0, 0.0)
+    """Position in world space. Miss: infinity."""
+    t_free: float = 0.0
+    """No original surface lies on the ray before this distance. Exceptions: surfaces that the ray meets within 0.9
+    degrees of edge-on, the surface that the ray starts on, and edges that it grazes.
+
+    - Exact hit: `t` less the possible rounding error.
+    - Miss: infinity.
+    - Hit or miss after a stand-in transmitted the ray: its own `t_free` as above, or that of the hit if no stand-
+      in transmitted the ray, whichever is smaller.
+    """
+    part: int = 0
+    """Id of the part, as passed when the model was built. Miss: OC_NO_ID."""
+    instance: int = 0
+    """Id of the instance, as passed to oc_scene_add_instance. Miss: OC_NO_ID."""
+    prim: int = 0
+    """Index of the triangle in the input of the build, from 0. Miss: OC_NO_ID."""
+    normal: Vector = (0.0, 0.0, 0.0)
+    """Unit geometric normal in world space, on the side of the ray's origin. Miss: 0."""
+    uv: Vector = (0.0, 0.0)
+    """Barycentric weights of the triangle's second and third corner. Miss: 0."""
+    error: float = 0.0
+    """An original surface lies within this distance of `position`, in world units. Miss: 0."""
+    kind: HitKind = HitKind(0)
+    """One of the HitKind constants."""
+    shading_normal: Vector = (0.0, 0.0, 0.0)
+    """Unit normal in world space with which the surface is shaded, on the side of `normal`: interpolated between the
+    corners of the triangle, so that coarse facets appear smooth. Where a model has no such normals, and for
+    stand-ins, it is `normal`. Miss: 0.
+    """
+
+
+@dataclass
+class Overlap(Value):
+    """A part that intersects a volume. Element of an array."""
+
+    _struct = _abi.oc_overlap
+
+    instance: int = 0
+    """Id of the instance, as passed to oc_scene_add_instance."""
+    part: int = 0
+    """Id of the part, as passed when the model was built."""
+    kind: OverlapKind = OverlapKind(1)
+    """One of the OverlapKind constants."""
+
+
+@dataclass
+class Plane(Value):
+    """A half space: the points p with dot(normal, p) + d >= 0, in world space. Element of an array."""
+
+    _struct = _abi.oc_plane
+
+    normal: Vector = (0.0, 0.0, 0.0)
+    """Normal of the plane. Points inward. Must be finite and not zero; need not be unit."""
+    d: float = 0.0
+    """Offset of the plane, in units of the normal's length. Must be finite."""
+
+
+@dataclass
+class FrameSettings(Value):
+    """Options of a request. All zeros: exact, one ray for each pixel."""
+
+    _struct = _abi.oc_frame_settings
+
+    samples: int = 0
+    """Rays for the colour of a pixel, at most 1024. 0: 1. The other buffers take the ray through the pixel's centre."""
+    poe: float = 0.0
+    """Pixels of error, finite and 0 or more. A stand-in may replace triangles if its projection covers at most `poe`
+    square pixels. 0 means exact.
+    """
+    ambient: float = 0.0
+    """Intensity of the ambient light, which reaches all surfaces; finite. 0: 0.15. Below 0: none."""
+    flags: FrameFlags = FrameFlags(0)
+    """FrameFlags flags, combined with `|`."""
+
+
+@dataclass
+class Accuracy(Value):
+    """Accuracy of the picture of the last request."""
+
+    _struct = _abi.oc_frame_accuracy
+
+    effective_poe: float = 0.0
+    """The greatest threshold of a pixel, in pixels of error: `poe` of the request, or more as long as the picture
+    has pixels with a raised threshold, because its data does not fit the memory budget at once. In pictures with
+    a raised threshold stand-ins transmit no rays.
+    """
+    request: int = 0
+    """Number of the request in this frame, from 1. 0: nothing was requested yet."""
+    pixels_exact: int = 0
+    """Pixels with an exact answer: triangles or background, without a stand-in in front."""
+    pixels_lod: int = 0
+    """Pixels that show a stand-in as fine as `effective_poe` requires, or a surface through such a stand-in."""
+    pixels_missing: int = 0
+    """Pixels that show a stand-in for missing data."""
+    pixels_total: int = 0
+    """Pixels of the picture in total."""
+    bytes_resident: int = 0
+    """Bytes in memory of the models in the scene."""
+    bytes_wanted: int = 0
+    """Bytes that the picture, or the present pane of it, needs and that are not in memory; 0 at the end of a picture
+    that was completed pane by pane. After State.COMPLETE_WITHIN_BUDGET without panes: the data that could not be
+    read or did not fit; 0 if all data for `effective_poe` is in memory.
+    """
+    seconds: float = 0.0
+    """Seconds from the request until now, or until its end."""
+    seconds_to_go: float = 0.0
+    """Estimated remaining seconds at the present speed. Before the first picture: until that is ready. Later: until
+    the missing data known now has arrived; data that better pictures will need is unknown. 0: nothing runs.
+    Infinity: unknown.
+    """
+    worst_error: float = 0.0
+    """Largest error in pixels. The rounding error of triangles counts only if the frame has Buffer.DEPTH or
+    Buffer.ERROR.
+    """
+    mean_error: float = 0.0
+    """Mean error in pixels, over the pixels that show a surface. Rounding errors as for `worst_error`."""
+    pictures: int = 0
+    """Number of complete pictures that the request has made so far. At 1 or more, one can be mapped. The first is
+    made from the data in memory, each later one from more data. The very first picture of a frame waits up to 80
+    ms for missing data.
+    """
+    state: State = State(0)
+    """State of the request: one of the State constants."""
+
+
+__all__ = [
+    "Progress", "BuildOptions", "Material", "Part", "ModelInfo", "PartInfo", "Camera", "Light", "Background", "Look",
+    "Ray", "Overlap", "Plane", "FrameSettings", "Accuracy",
+]

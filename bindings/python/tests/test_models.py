@@ -1,0 +1,96 @@
+"""Models are opened from paths, bytes, files and the caller's own functions."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy
+import pytest
+from conftest import TETRA, TETRA_FACES, bumps
+
+import outcrop
+
+
+@pytest.fixture
+def path(context: outcrop.Context, tmp_path: Path) -> Path:
+    context.build(tmp_path / "a.oc", outcrop.Mesh(TETRA, TETRA_FACES, name="tetra", id=7))
+    return tmp_path / "a.oc"
+
+
+class Slow:
+    """A reader that counts its calls and fails on request."""
+
+    def __init__(self, content: bytes, error: Exception | None = None) -> None:
+        self.content, self.size, self.error, self.calls = content, len(content), error, 0
+
+    def read_at(self, offset: int, buffer: memoryview) -> None:
+        self.calls += 1
+        if self.error is not None:
+            raise self.error
+        buffer[:] = self.content[offset:offset + len(buffer)]
+
+
+def test_sources(context: outcrop.Context, path: Path) -> None:
+    content = path.read_bytes()
+    reader = Slow(content)
+    with path.open("rb") as file:
+        sources: list[Any] = [path, str(path), content, bytearray(content), memoryview(content), io.BytesIO(content),
+                              file, reader]
+        for source in sources:
+            with context.open(source) as model:
+                assert model.part(7).name == "tetra" and model.bounds == ((0, 0, 0), (1, 1, 1))
+                assert repr(model) == "<Model of 4 triangles in 1 parts>"
+    assert reader.calls > 0 and repr(model) == "<Model, closed>"
+
+
+def test_failures(context: outcrop.Context, path: Path, tmp_path: Path) -> None:
+    with pytest.raises(outcrop.MachineError, match="missing.oc") as caught:
+        context.open(tmp_path / "missing.oc")
+    assert caught.value.status == outcrop.Status.IO
+    with pytest.raises(outcrop.InputError):
+        context.open(path.read_bytes()[:-100])
+    with pytest.raises(outcrop.Error) as failed:
+        context.open(Slow(path.read_bytes(), ZeroDivisionError("the network is down")))
+    assert isinstance(failed.value.__cause__, ZeroDivisionError)
+    with pytest.raises(TypeError, match="source: expected a path"):
+        context.open(3)  # type: ignore[arg-type]
+    with path.open("r", encoding="latin-1") as text, pytest.raises(TypeError, match="binary mode"):
+        context.open(text)  # type: ignore[arg-type]
+
+
+def test_failures_after_opening(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    shown: list[Any] = []
+    monkeypatch.setattr("sys.unraisablehook", shown.append)
+    with outcrop.Context(threads=2, memory_budget=4 << 20, read_ahead=False) as context:
+        context.build(tmp_path / "large.oc", outcrop.Mesh(*bumps(400)))
+        reader = Slow((tmp_path / "large.oc").read_bytes())
+        with context.open(reader) as model, context.scene(model) as scene:
+            reader.error = ZeroDivisionError("the network is down")
+            rays = numpy.random.default_rng(1).uniform(0, 1, (1000, 3))
+            with pytest.raises(outcrop.MachineError):
+                scene.closest(rays + (0, 0, 1), (0, 0, -1))
+            assert shown and all(isinstance(one.exc_value, ZeroDivisionError) for one in shown)
+            reader.error = None
+            assert scene.any(rays + (0, 0, 1), (0, 0, -1)).all()
+        shown.clear()
+
+
+def test_parts_and_views(context: outcrop.Context, path: Path) -> None:
+    with context.load(path) as job:
+        model = job.result()
+        assert job.done and job.poll().state == outcrop.State.DONE
+    with model:
+        assert model.info.triangles_stored == 4 and model.parts[0].parent == outcrop.NO_INDEX
+        assert model.view(0).eye != model.view(2).eye
+        with pytest.raises(outcrop.ArgumentError, match="8"):
+            model.part(8)
+        with pytest.raises(outcrop.ArgumentError):
+            model.view(4)
+
+
+def test_a_budget_that_is_too_small_says_so(path: Path) -> None:
+    with outcrop.Context(memory_budget=1 << 20) as small, pytest.raises(outcrop.LimitError) as caught:
+        small.open(path)
+    assert caught.value.status == outcrop.Status.OVER_BUDGET and caught.value.need > 1 << 20

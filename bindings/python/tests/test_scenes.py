@@ -1,0 +1,157 @@
+"""Scenes: edits, looks, and queries."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy
+import pytest
+from conftest import TETRA, TETRA_FACES
+
+import outcrop
+
+DOWN = (0, 0, -1)
+OVER = [(2.1, 0.1, 9), (4.1, 0.1, 9), (6.1, 0.1, 9)]
+
+
+def seen(scene: outcrop.Scene) -> list[int]:
+    """The parts below the three points above the tetrahedra."""
+    hits = scene.closest(OVER, DOWN)
+    return [int(hit["part"]) if hit["kind"] else 0 for hit in hits]
+
+
+def test_looks_of_parts(three: outcrop.Scene) -> None:
+    assert seen(three) == [1, 2, 3]
+    with three.edit():
+        three.set_part_look(2, hidden=True)
+    assert seen(three) == [1, 0, 3]
+    with three.edit():
+        three.set_parts_look([1], hidden=True, below=True)
+        three.set_parts_look(numpy.array([3], numpy.int32), colour=(1, 0, 0), selected=True)
+    assert seen(three) == [0, 0, 3]
+    with three.edit():
+        three.isolate([1], below=True)
+    assert seen(three) == [1, 2, 0]
+    with three.edit():
+        three.isolate([])
+    assert seen(three) == [0, 0, 0]
+    with three.edit():
+        three.clear_part_looks()
+    assert seen(three) == [1, 2, 3]
+    with pytest.raises(outcrop.ArgumentError, match="no part 8"):
+        three.set_parts_look([1, 8], hidden=True)
+    with pytest.raises(ValueError, match="colour must be 4 numbers"):
+        three.set_parts_look([1], colour=(1, 0))
+    with pytest.raises(ZeroDivisionError), three.edit():
+        three.set_part_look(1, hidden=True)
+        raise ZeroDivisionError
+    assert seen(three) == [1, 2, 3]
+
+
+def test_instances(context: outcrop.Context, tetra: outcrop.Model, tmp_path: Path) -> None:
+    place = numpy.eye(4)
+    place[0, 3] = 10
+    with context.scene([tetra, (5, tetra, place)]) as scene:
+        hits = scene.closest([(0.1, 0.1, 9), (10.1, 0.1, 9)], DOWN)
+        assert hits["instance"].tolist() == [1, 5]
+        with scene.edit():
+            place[0, 3] = 20
+            scene.set_transform(5, place)
+            scene.set_mask(1, 2)
+            scene.add(9, tetra, [1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 30, 0])
+        points = [(0.1, 0.1, 9), (20.1, 0.1, 9), (0.1, 30.1, 9)]
+        assert scene.any(points, DOWN, mask=1).tolist() == [False, True, True]
+        assert scene.any(points, DOWN, mask=2).tolist() == [True, True, True]
+        with scene.edit():
+            scene.remove(5)
+            scene.set_look(9, hidden=True)
+        assert scene.any(points, DOWN).tolist() == [True, False, False]
+        with pytest.raises(outcrop.ArgumentError, match="5"):
+            scene.remove(5)
+        with pytest.raises(TypeError, match=r"instances\[0\]: expected a Model"):
+            context.scene([("a", 3)])  # type: ignore[list-item]
+
+        context.build(tmp_path / "new.oc", outcrop.Mesh(TETRA + numpy.float32(3), TETRA_FACES, id=7))
+        with context.open(tmp_path / "new.oc") as other, scene.edit():
+            scene.set_model(1, other)
+        assert scene.any([(3.1, 3.1, 9), (0.1, 0.1, 9)], DOWN).tolist() == [True, False]
+
+
+def test_lights_and_background(context: outcrop.Context, scene: outcrop.Scene, camera: outcrop.Camera) -> None:
+    usual = context.render(scene, camera, 64, 48).pixels
+    with scene.edit():
+        scene.set_background(outcrop.Background(bottom=(1, 0, 0, 1), top=(1, 0, 0, 1)))
+        scene.set_lights([])
+    dark = context.render(scene, camera, 64, 48, settings=outcrop.FrameSettings(ambient=-1)).pixels
+    assert dark[0, 0].tolist() == [255, 0, 0, 255] and dark[24, 32, :3].max() == 0
+    sun = outcrop.Light(kind=outcrop.LightKind.DIRECTIONAL, vector=(0, 0, -1), shadows=1)
+    with scene.edit():
+        scene.set_background(None)
+        scene.set_lights([sun, outcrop.Light()])
+    assert context.render(scene, camera, 64, 48).pixels[0, 0].tolist() == usual[0, 0].tolist()
+    with pytest.raises(outcrop.ArgumentError):
+        scene.set_lights([outcrop.Light(intensity=-1)])
+
+
+def test_closest_and_any(three: outcrop.Scene) -> None:
+    rays = outcrop.rays([*OVER, (0, 0, 9)], DOWN)
+    hits = three.closest(rays)
+    assert hits.dtype == outcrop.HIT and hits["part"].tolist() == [1, 2, 3, outcrop.NO_ID]
+    assert three.any(rays).tolist() == [True, True, True, False]
+    one = three.closest_one(OVER[1], DOWN)
+    assert one and one.part == 2 and one.t == hits["t"][1] and one.kind == outcrop.HitKind.EXACT
+    assert not three.closest_one((0, 0, 9), DOWN)
+    assert three.any_one(OVER[0], DOWN) and not three.any_one(OVER[0], DOWN, t_max=3)
+    grid = three.closest(rays.reshape(2, 2), want=outcrop.Want.POSITION, coherent=True)
+    assert grid.shape == (2, 2) and grid["t"].ravel().tolist() == hits["t"].tolist()
+    assert grid["part"][0, 0] == outcrop.NO_ID
+    assert three.closest(rays[::2], now=True)["part"].tolist() == [1, 3]
+
+    out = outcrop.empty_hits(4)
+    assert three.closest(rays, out=out) is out and numpy.array_equal(out, hits)
+    answers = numpy.zeros(4, numpy.uint8)
+    assert three.any(rays, out=answers).tolist() == [True, True, True, False] and answers.tolist() == [1, 1, 1, 0]
+    table = numpy.zeros(4, [("mine", "u4"), ("hit", outcrop.HIT)])
+    three.closest(rays, out=table["hit"])
+    assert table["hit"]["part"].tolist() == hits["part"].tolist() and not table["mine"].any()
+
+    with three.closest_start(rays) as job, three.any_start(rays) as other:
+        assert job.result()["part"].tolist() == hits["part"].tolist() and other.result().sum() == 3
+    assert len(three.closest(numpy.empty(0, outcrop.RAY))) == 0
+    misses = three.closest([(numpy.nan, 0, 0)], [(0, 0, 1)])
+    assert misses["kind"].tolist() == [outcrop.HitKind.MISS]
+
+
+def test_overlaps(three: outcrop.Scene) -> None:
+    found = three.overlap_box((1.9, -1, -1), (4.5, 2, 2))
+    assert found.dtype == outcrop.OVERLAP and found["part"].tolist() == [1, 2]
+    assert found["kind"].tolist() == [outcrop.OverlapKind.INSIDE, outcrop.OverlapKind.INTERSECTS]
+    assert len(three.overlap_box((50, 0, 0), (60, 1, 1))) == 0
+    assert three.overlap_frustum([(1, 0, 0, -3.5), (-1, 0, 0, 5.5)])["part"].tolist() == [2]
+    planes = numpy.zeros(1, outcrop.PLANE)
+    planes["normal"], planes["d"] = (1, 0, 0), -5.5
+    assert three.overlap_frustum(planes)["part"].tolist() == [3]
+    with pytest.raises(ValueError, match=r"planes: expected shape \(N, 4\)"):
+        three.overlap_frustum([(1, 0, 0)])
+    with pytest.raises(outcrop.ArgumentError):
+        three.overlap_box((numpy.nan, 0, 0), (1, 1, 1))
+
+
+def test_prefetch(three: outcrop.Scene, camera: outcrop.Camera) -> None:
+    for job in [three.prefetch_box((0, 0, 0), (9, 9, 9)), three.prefetch_camera(camera, 640, 480, 1.0)]:
+        with job:
+            assert job.result().state == outcrop.State.DONE
+
+
+def test_many_looks_from_an_array(context: outcrop.Context, tmp_path: Path) -> None:
+    with context.new_build() as build:
+        for part in range(2000):
+            build.add_part(None, id=part)
+            build.add_triangles(part, TETRA + numpy.array((2 * part, 0, 0), numpy.float32), TETRA_FACES)
+        with build.start(tmp_path / "many.oc") as job:
+            job.result()
+    with context.open(tmp_path / "many.oc") as model, context.scene(model) as scene:
+        with scene.edit():
+            scene.set_parts_look(numpy.arange(0, 2000, 2), hidden=True)
+        points = numpy.stack([2 * numpy.arange(2000) + 0.1, numpy.full(2000, 0.1), numpy.full(2000, 9.0)], 1)
+        assert scene.any(points, DOWN).tolist() == [part % 2 == 1 for part in range(2000)]
