@@ -104,6 +104,13 @@ class Frame(Handle):
         """Returns the progress of the last request. Does not raise if it has failed: see its `state` and `error`."""
         return read_progress(lambda out: lib.oc_frame_poll(self._h, out))[0]
 
+    def _checked_poll(self) -> Progress:
+        """Returns the progress. Raises the failure of the request. (A wait would also wait for the wake function.)"""
+        progress, wrong = read_progress(lambda out: lib.oc_frame_poll(self._h, out))
+        if wrong is not None:
+            raise wrong
+        return progress
+
     def wait(self, timeout: float | None = None, progress: Callable[[float], object] | None = None) -> Progress:
         """Waits until the last request has ended, or for `timeout` seconds; the state is then RUNNING.
 
@@ -180,19 +187,18 @@ class Frame(Handle):
         """Returns each better picture of the request as it comes; the last one is as exact as it gets."""
         seen = 0
         while True:
-            progress = self.poll()
+            progress = self._checked_poll()
             if (now := self.accuracy.pictures) > seen:
                 seen = now
                 yield self.picture()
             if progress.state != State.RUNNING:
-                self.wait(0)
                 return
             await awaited(self._next_wake, self.cancel)
 
     async def _awaited(self) -> Progress:
-        while self.poll().state == State.RUNNING:
+        while (progress := self._checked_poll()).state == State.RUNNING:
             await awaited(self._next_wake, self.cancel)
-        return self.wait(0)
+        return progress
 
     def __await__(self) -> Generator[Any, None, Progress]:
         return self._awaited().__await__()
