@@ -220,8 +220,9 @@ def abi(header: Header) -> str:
     out.append("\n\nSIGNATURES: dict[str, tuple[Any, list[Any]]] = {\n")
     for name, (returns, takes) in header.functions.items():
         result = c_type(re.sub(r"const|\s", "", returns), header)
-        types = ", ".join(c_type(one.type, header) for one in takes)
-        out.append(f'    "{name}": ({result}, [{types}]),\n')
+        types = [c_type(one.type, header) for one in takes]
+        line = f'    "{name}": ({result}, [{", ".join(types)}]),\n'
+        out.append(line if len(line) <= WIDTH else f'    "{name}": ({result}, [\n{listed(types, " " * 8)},\n    ]),\n')
     out.append('}\n"""Result and arguments of each function."""\n')
     out.append("\nFALLIBLE = frozenset([\n" + listed(
         [f'"{n}"' for n, (returns, _) in header.functions.items() if returns == "oc_status"], "    ") + ",\n])\n"

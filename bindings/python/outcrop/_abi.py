@@ -431,7 +431,9 @@ SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "oc_scene_release": (None, [c.c_void_p]),
     "oc_scene_set_instance_look": (c.c_uint32, [c.c_void_p, c.c_uint64, c.c_void_p]),
     "oc_scene_set_part_look": (c.c_uint32, [c.c_void_p, c.c_uint64, c.c_uint64, c.c_void_p]),
-    "oc_scene_set_parts_look": (c.c_uint32, [c.c_void_p, c.c_uint64, c.c_void_p, c.c_uint64, c.c_uint32, c.c_void_p]),
+    "oc_scene_set_parts_look": (c.c_uint32, [
+        c.c_void_p, c.c_uint64, c.c_void_p, c.c_uint64, c.c_uint32, c.c_void_p,
+    ]),
     "oc_scene_isolate": (c.c_uint32, [c.c_void_p, c.c_uint64, c.c_void_p, c.c_uint64, c.c_uint32]),
     "oc_scene_set_model": (c.c_uint32, [c.c_void_p, c.c_uint64, c.c_void_p]),
     "oc_scene_clear_part_looks": (c.c_uint32, [c.c_void_p, c.c_uint64]),
@@ -440,7 +442,9 @@ SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "oc_scene_closest_start": (c.c_uint32, [c.c_void_p, c.c_void_p, c.c_void_p, c.c_uint64, c.c_void_p]),
     "oc_scene_any_start": (c.c_uint32, [c.c_void_p, c.c_void_p, c.c_void_p, c.c_uint64, c.c_void_p]),
     "oc_scene_overlap_box": (c.c_uint32, [c.c_void_p, c.c_void_p, c.c_void_p, c.c_void_p, c.c_uint64, c.c_void_p]),
-    "oc_scene_overlap_frustum": (c.c_uint32, [c.c_void_p, c.c_void_p, c.c_uint64, c.c_void_p, c.c_uint64, c.c_void_p]),
+    "oc_scene_overlap_frustum": (c.c_uint32, [
+        c.c_void_p, c.c_void_p, c.c_uint64, c.c_void_p, c.c_uint64, c.c_void_p,
+    ]),
     "oc_frame_create": (c.c_uint32, [c.c_void_p, c.c_void_p, c.c_void_p]),
     "oc_frame_request": (c.c_uint32, [c.c_void_p, c.c_void_p, c.c_void_p, c.c_void_p]),
     "oc_frame_poll": (c.c_uint32, [c.c_void_p, c.c_void_p]),
@@ -456,7 +460,9 @@ SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "oc_mapping_retain": (None, [c.c_void_p]),
     "oc_mapping_release": (None, [c.c_void_p]),
     "oc_scene_prefetch_box": (c.c_uint32, [c.c_void_p, c.c_void_p, c.c_void_p, c.c_double, c.c_void_p]),
-    "oc_scene_prefetch_camera": (c.c_uint32, [c.c_void_p, c.c_void_p, c.c_uint32, c.c_uint32, c.c_float, c.c_void_p]),
+    "oc_scene_prefetch_camera": (c.c_uint32, [
+        c.c_void_p, c.c_void_p, c.c_uint32, c.c_uint32, c.c_float, c.c_void_p,
+    ]),
 }
 """Result and arguments of each function."""
 
