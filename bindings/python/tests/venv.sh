@@ -9,7 +9,7 @@ stamp=$venv/requirements.txt
 
 if ! cmp -s "$here/requirements.txt" "$stamp"; then
     [ -x "$venv/bin/python" ] || python3 -m venv --system-site-packages "$venv" >&2
-    if "$venv/bin/python" -m pip install -q --disable-pip-version-check -r "$here/requirements.txt" >&2; then
+    if "$venv/bin/python" -m pip install -q --disable-pip-version-check --timeout 20 --retries 1 -r "$here/requirements.txt" >&2; then
         cp "$here/requirements.txt" "$stamp"
     else
         echo "venv.sh: pip cannot install tests/requirements.txt; tests that need its packages are skipped" >&2
