@@ -859,19 +859,19 @@ typedef struct oc_hit {
 /** A triangle with all that is stored of it. Element of an array. */
 typedef struct oc_triangle {
     /**
-     * Corners: in model space from oc_part_reader_next, in world space from oc_scene_triangles. The stored positions are
-     * exact in double precision, unless a transform places them.
+     * x, y, z of the first corner, of the second, of the third: in model space from oc_part_reader_next, in world space
+     * from oc_scene_triangles. The stored positions are exact in double precision, unless a transform places them.
      */
-    double corners[3][3];
+    double corners[9];
     /** Id of the part, as passed when the model was built. */
     uint64_t part;
     /** Index of the triangle in the input of the build, from 0. */
     uint64_t prim;
     /**
-     * Unit normals at the corners with which the surface is shaded, on the side from which the corners appear
-     * counter-clockwise. Those of the triangle itself where the model has no others.
+     * Unit normals at the corners with which the surface is shaded, in the order of `corners`, on the side from which
+     * the corners appear counter-clockwise. Those of the triangle itself where the model has no others.
      */
-    float normals[3][3];
+    float normals[9];
     /** Always 0. */
     uint32_t reserved;
 } oc_triangle;

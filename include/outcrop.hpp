@@ -89,6 +89,7 @@ using model_handle = handle<oc_model, oc_model_retain, oc_model_release>;
 using scene_handle = handle<oc_scene, oc_scene_retain, oc_scene_release>;
 using frame_handle = handle<oc_frame, oc_frame_retain, oc_frame_release>;
 using mapping_handle = handle<oc_mapping, oc_mapping_retain, oc_mapping_release>;
+using part_reader_handle = handle<oc_part_reader, oc_part_reader_retain, oc_part_reader_release>;
 
 #ifdef OUTCROP_NO_EXCEPTIONS
 
@@ -135,6 +136,21 @@ class pixels {
     mapping_handle mapping_;
 };
 
+/// The triangles of a part, some at a time.
+class part_reader : public part_reader_handle {
+  public:
+    part_reader() = default;
+    using part_reader_handle::handle;
+    /// The next triangles, at most `most`; none at the end.
+    std::vector<oc_triangle> next(std::size_t most = 4096) {
+        std::vector<oc_triangle> found(most);
+        std::uint64_t count = 0;
+        check(oc_part_reader_next(get(), found.data(), most, &count));
+        found.resize(static_cast<std::size_t>(count));
+        return found;
+    }
+};
+
 class model : public model_handle {
   public:
     model() = default;
@@ -158,6 +174,11 @@ class model : public model_handle {
         auto s = init<oc_camera>();
         check(oc_model_get_view(get(), number, &s));
         return s;
+    }
+    part_reader read_part(std::uint64_t part) const {
+        part_reader reader;
+        check(oc_model_read_part(get(), part, reader.put()));
+        return reader;
     }
 };
 
@@ -316,6 +337,11 @@ class scene : public scene_handle {
         std::vector<oc_overlap> found(static_cast<std::size_t>(count));
         check(oc_scene_overlap_box(get(), low, high, found.data(), count, &count));
         found.resize(static_cast<std::size_t>(count));
+        return found;
+    }
+    std::vector<oc_triangle> triangles(const std::vector<oc_hit> &hits) const {
+        std::vector<oc_triangle> found(hits.size());
+        check(oc_scene_triangles(get(), hits.data(), hits.size(), 0, found.data()));
         return found;
     }
     job prefetch(const double (&low)[3], const double (&high)[3], double cell = 0) const {

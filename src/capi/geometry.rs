@@ -9,6 +9,7 @@ use super::status::oc_status;
 use crate::base::error::Error;
 use crate::base::progress::Cancel;
 use crate::query::{Hit, PartReader, StoredTriangle};
+use bytemuck::must_cast;
 use glam::{DVec3, Vec3};
 use std::sync::{Mutex, PoisonError};
 
@@ -16,16 +17,16 @@ use std::sync::{Mutex, PoisonError};
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct oc_triangle {
-    /// Corners: in model space from oc_part_reader_next, in world space from oc_scene_triangles. The stored positions are
-    /// exact in double precision, unless a transform places them.
-    pub corners: [[f64; 3]; 3],
+    /// x, y, z of the first corner, of the second, of the third: in model space from oc_part_reader_next, in world space
+    /// from oc_scene_triangles. The stored positions are exact in double precision, unless a transform places them.
+    pub corners: [f64; 9],
     /// Id of the part, as passed when the model was built.
     pub part: u64,
     /// Index of the triangle in the input of the build, from 0.
     pub prim: u64,
-    /// Unit normals at the corners with which the surface is shaded, on the side from which the corners appear
-    /// counter-clockwise. Those of the triangle itself where the model has no others.
-    pub normals: [[f32; 3]; 3],
+    /// Unit normals at the corners with which the surface is shaded, in the order of `corners`, on the side from which
+    /// the corners appear counter-clockwise. Those of the triangle itself where the model has no others.
+    pub normals: [f32; 9],
     /// Always 0.
     pub reserved: u32,
 }
@@ -34,10 +35,10 @@ const _: () = assert!(size_of::<oc_triangle>() == size_of::<StoredTriangle>());
 
 fn to_c(t: &StoredTriangle) -> oc_triangle {
     oc_triangle {
-        corners: t.corners.map(|c| c.to_array()),
+        corners: must_cast(t.corners.map(|c| c.to_array())),
         part: t.part,
         prim: t.prim,
-        normals: t.normals.map(|n| n.to_array()),
+        normals: must_cast(t.normals.map(|n| n.to_array())),
         reserved: 0,
     }
 }

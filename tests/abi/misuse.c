@@ -584,6 +584,48 @@ static void lying_sources(oc_context *c) {
     oc_model_release(m);
 }
 
+static void geometry(oc_scene *s0, oc_model *m) {
+    oc_part_reader *reader = NULL;
+    INVALID(oc_model_read_part(NULL, 7, &reader));
+    INVALID(oc_model_read_part(m, 7, NULL));
+    INVALID(oc_model_read_part(m, 8, &reader));
+    CHECK(strstr(oc_last_error(), "no part with id 8"));
+    CHECK(!reader);
+    OK(oc_model_read_part(m, 7, &reader));
+    oc_triangle triangles[3];
+    uint64_t count = 77, all = 0;
+    INVALID(oc_part_reader_next(NULL, triangles, 3, &count));
+    INVALID(oc_part_reader_next(reader, NULL, 3, &count));
+    INVALID(oc_part_reader_next(reader, triangles, 0, &count));
+    INVALID(oc_part_reader_next(reader, triangles, 3, NULL));
+    CHECK(count == 77);
+    do {
+        OK(oc_part_reader_next(reader, triangles, 3, &count));
+        CHECK(count <= 3);
+        for (uint64_t i = 0; i < count; i++)
+            CHECK(triangles[i].part == 7 && triangles[i].prim < 4);
+        all += count;
+    } while (count);
+    CHECK(all == 4);
+    oc_part_reader_retain(reader);
+    oc_part_reader_release(reader);
+    oc_part_reader_release(reader);
+    oc_part_reader_release(NULL);
+    oc_part_reader_retain(NULL);
+
+    oc_hit hit;
+    memset(&hit, 0, sizeof hit);
+    hit.instance = hit.part = hit.prim = OC_NO_ID;
+    INVALID(oc_scene_triangles(NULL, &hit, 1, 0, triangles));
+    INVALID(oc_scene_triangles(s0, NULL, 1, 0, triangles));
+    INVALID(oc_scene_triangles(s0, &hit, 1, 8, triangles));
+    INVALID(oc_scene_triangles(s0, &hit, UINT64_MAX, 0, triangles));
+    INVALID(oc_scene_triangles(s0, &hit, 1, 0, NULL));
+    INVALID(oc_scene_triangles(s0, &hit, 1, 0, triangles)); /* no ids */
+    CHECK(strstr(oc_last_error(), "hit 0"));
+    OK(oc_scene_triangles(s0, NULL, 0, 0, NULL));
+}
+
 static oc_scene *scenes(oc_context *c) {
     oc_scene *s0 = NULL;
     oc_model *m;
@@ -656,6 +698,7 @@ static oc_scene *scenes(oc_context *c) {
     INVALID(oc_scene_remove_instance(NULL, 1));
     INVALID(oc_scene_remove_instance(s0, 2));
 
+    geometry(s0, m);
     oc_model_release(m);
 
     INVALID(oc_scene_set_lights(NULL, &light, 1, 0));

@@ -39,6 +39,12 @@ HIT = dtype_of(_abi.oc_hit)
 """dtype of a hit: t, position, t_free, part, instance, prim, normal, uv, error, kind. See `Hit`."""
 OVERLAP = dtype_of(_abi.oc_overlap)
 """dtype of a part that intersects a volume: instance, part, kind. See `Overlap`."""
+TRIANGLE = numpy.dtype({
+    "names": ["corners", "part", "prim", "normals"],
+    "formats": [(numpy.float64, (3, 3)), numpy.uint64, numpy.uint64, (numpy.float32, (3, 3))],
+    "offsets": [getattr(_abi.oc_triangle, name).offset for name in ("corners", "part", "prim", "normals")],
+    "itemsize": c.sizeof(_abi.oc_triangle)})
+"""dtype of a stored triangle: corners (3, 3), part, prim, normals (3, 3)."""
 PLANE = dtype_of(_abi.oc_plane)
 """dtype of a half space: normal, d. See `Plane`."""
 

@@ -3,11 +3,24 @@
 from __future__ import annotations
 
 import ctypes as c
+from collections.abc import Iterator
+from typing import Any
+
+import numpy
+from numpy.typing import NDArray
 
 from . import _abi
-from ._handles import Handle
+from ._arrays import TRIANGLE, address
+from ._handles import Handle, made
 from ._library import lib
 from ._values import Camera, ModelInfo, PartInfo
+
+
+class _Reader(Handle):
+    """A reader of the triangles of a part."""
+
+    _kind = "Reader"
+    _release = lib.oc_part_reader_release
 
 
 class Model(Handle):
@@ -56,6 +69,31 @@ class Model(Handle):
             ArgumentError: no part has the id.
         """
         return self._part_at(self.find_part(part))
+
+    def read_part(self, part: int, chunk: int = 65536) -> Iterator[NDArray[Any]]:
+        """Yields the triangles of a part, given by id, as arrays of dtype TRIANGLE of at most `chunk` elements.
+
+        Each triangle comes once; those of parts below it are not included. The corners are in model space and exact.
+
+        Raises:
+            ArgumentError: no part has the id.
+        """
+        if chunk < 1:
+            raise ValueError(f"chunk: expected a positive number, not {chunk}")
+        reader = _Reader(made(lib.oc_model_read_part, self._h, part))
+        with reader:
+            while True:
+                triangles = numpy.empty(chunk, TRIANGLE)
+                count = c.c_uint64()
+                lib.oc_part_reader_next(reader._h, address(triangles), chunk, c.byref(count))
+                if not count.value:
+                    return
+                yield triangles[:count.value]
+
+    def triangles(self, part: int) -> NDArray[Any]:
+        """Returns all triangles of a part, given by id, as an array of dtype TRIANGLE. See `read_part`."""
+        some = list(self.read_part(part))
+        return numpy.concatenate(some) if some else numpy.empty(0, TRIANGLE)
 
     def view(self, number: int = 0) -> Camera:
         """Returns a perspective camera: 0 and 1 show the whole model, 2 and 3 from a quarter of the distance."""

@@ -9,7 +9,7 @@ import numpy
 from numpy.typing import ArrayLike, NDArray
 
 from . import _abi, _values
-from ._arrays import HIT, OVERLAP, PLANE, RAY, Array, address, elements, floats, given, rays, stride_of
+from ._arrays import HIT, OVERLAP, PLANE, RAY, TRIANGLE, Array, address, elements, floats, given, rays, stride_of
 from ._enums import HitKind, QueryFlags, Status, Want
 from ._errors import StateError
 from ._handles import Handle, made
@@ -122,6 +122,19 @@ class Queries(Handle):
         answer = c.c_uint8()
         lib.oc_scene_any(self._h, c.byref(query), c.byref(answer), 0)
         return bool(answer.value)
+
+    def triangles(self, hits: ArrayLike | Array) -> Array:
+        """Returns the triangles of hits (dtype HIT, of `closest`) in world space, as an array of dtype TRIANGLE.
+
+        The hits must be exact and have position, part, instance and prim.
+
+        Raises:
+            ArgumentError: a hit is none of this scene's.
+        """
+        array = elements("hits", hits, HIT, "HIT")
+        found = numpy.empty(array.shape, TRIANGLE)
+        lib.oc_scene_triangles(self._h, address(array), array.size, stride_of("hits", array), address(found))
+        return found
 
     def overlap_box(self, low: Vector, high: Vector) -> Array:
         """Returns the visible parts that intersect a box, as an array of dtype OVERLAP. The test is exact."""

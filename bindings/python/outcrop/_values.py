@@ -391,6 +391,27 @@ class Hit(Value):
 
 
 @dataclass
+class Triangle(Value):
+    """A triangle with all that is stored of it. Element of an array."""
+
+    _struct = _abi.oc_triangle
+
+    corners: Vector = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    """x, y, z of the first corner, of the second, of the third: in model space from oc_part_reader_next, in world
+    space from oc_scene_triangles. The stored positions are exact in double precision, unless a transform places
+    them.
+    """
+    part: int = 0
+    """Id of the part, as passed when the model was built."""
+    prim: int = 0
+    """Index of the triangle in the input of the build, from 0."""
+    normals: Vector = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    """Unit normals at the corners with which the surface is shaded, in the order of `corners`, on the side from
+    which the corners appear counter-clockwise. Those of the triangle itself where the model has no others.
+    """
+
+
+@dataclass
 class Overlap(Value):
     """A part that intersects a volume. Element of an array."""
 
@@ -486,5 +507,5 @@ class Accuracy(Value):
 
 __all__ = [
     "Progress", "BuildOptions", "Material", "Part", "ModelInfo", "PartInfo", "Camera", "Light", "Background", "Look",
-    "Ray", "Overlap", "Plane", "FrameSettings", "Accuracy",
+    "Ray", "Triangle", "Overlap", "Plane", "FrameSettings", "Accuracy",
 ]

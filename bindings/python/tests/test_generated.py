@@ -25,6 +25,7 @@ NOT_CALLED = {
     "oc_scene_retain": "Python counts the references",
     "oc_frame_retain": "Python counts the references",
     "oc_mapping_retain": "Python counts the references",
+    "oc_part_reader_retain": "Python counts the references",
 }
 
 

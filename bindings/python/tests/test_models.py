@@ -94,3 +94,27 @@ def test_a_budget_that_is_too_small_says_so(path: Path) -> None:
     with outcrop.Context(memory_budget=1 << 20) as small, pytest.raises(outcrop.LimitError) as caught:
         small.open(path)
     assert caught.value.status == outcrop.Status.OVER_BUDGET and caught.value.need > 1 << 20
+
+
+def test_triangles_come_back(context: outcrop.Context, path: Path) -> None:
+    with context.open(path) as model:
+        triangles = model.triangles(7)
+        assert triangles.dtype == outcrop.TRIANGLE and len(triangles) == 4
+        assert (triangles["part"] == 7).all()
+        corners = numpy.asarray(TETRA, numpy.float64)[numpy.asarray(TETRA_FACES)]
+        assert (triangles["corners"][numpy.argsort(triangles["prim"])] == corners).all()
+        assert numpy.allclose(numpy.linalg.norm(triangles["normals"], axis=-1), 1.0)
+        assert sum(len(some) for some in model.read_part(7, chunk=3)) == 4
+        # A reader that is left early gives its reference back.
+        next(model.read_part(7, chunk=1))
+        with pytest.raises(outcrop.ArgumentError, match="no part with id 8"):
+            model.triangles(8)
+        with pytest.raises(ValueError, match="chunk"):
+            next(model.read_part(7, chunk=0))
+        with context.scene([(1, model)]) as scene:
+            center = corners.mean(axis=(0, 1))
+            hits = scene.closest(numpy.full((8, 3), 9.0) + numpy.arange(8)[:, None], center - 9.0)
+            hits = hits[hits["kind"] == outcrop.HitKind.EXACT]
+            assert len(hits) and (scene.triangles(hits)["prim"] == hits["prim"]).all()
+            with pytest.raises(outcrop.ArgumentError, match="hit 0"):
+                scene.triangles(outcrop.empty_hits(1))
