@@ -1141,7 +1141,7 @@ static void frames(oc_context *c, oc_scene *s0) {
     OK(oc_frame_pick(f, 3, 2, &hit));
     INVALID(oc_frame_map(NULL, 0, &pixels));
     INVALID(oc_frame_map(f, 0, NULL));
-    INVALID(oc_frame_map(f, 9, &pixels));
+    INVALID(oc_frame_map(f, 10, &pixels));
     INVALID(oc_frame_map(f, 0xffffffff, &pixels));
     EXPECT(OC_STATUS_INVALID_STATE, oc_frame_map(f, OC_BUFFER_DEPTH, &pixels)); /* not kept */
     GARBAGE_SIZES(oc_pixels, oc_frame_map(f, 0, s));
