@@ -859,8 +859,9 @@ typedef struct oc_hit {
 /** A triangle with all that is stored of it. Element of an array. */
 typedef struct oc_triangle {
     /**
-     * x, y, z of the first corner, of the second, of the third: in model space from oc_part_reader_next, in world space
-     * from oc_scene_triangles. The stored positions are exact in double precision, unless a transform places them.
+     * x, y, z of the first corner, of the second, of the third: in model space from oc_part_reader_next, in world
+     * space from oc_scene_triangles. The stored positions are exact in double precision, unless a transform places
+     * them.
      */
     double corners[9];
     /** Id of the part, as passed when the model was built. */
@@ -2245,8 +2246,8 @@ oc_status oc_scene_any_start(const struct oc_scene *scene,
  *
  * Errors:
  * - OC_STATUS_INVALID_ARGUMENT: the model has no such part.
- * - OC_STATUS_OVER_BUDGET: the lists of parts do not fit the budget, nor, in a model whose triangles several leaves may
- *   refer to, one bit for each triangle of its input.
+ * - OC_STATUS_OVER_BUDGET: the lists of parts do not fit the budget, nor, in a model whose triangles several leaves
+ *   may refer to, one bit for each triangle of its input.
  * - OC_STATUS_IO, OC_STATUS_CORRUPT: the lists of parts cannot be read.
  *
  * Ownership: the caller receives one reference.
@@ -2287,15 +2288,15 @@ OC_API void oc_part_reader_release(struct oc_part_reader *reader);
 /**
  * Returns the triangles of hits, in world space: to snap to corners and edges, or to highlight what was picked.
  *
- * - `hits`: hits of oc_scene_closest or oc_frame_pick in this scene, exact ones with `position`, `part`, `instance` and
- *   `prim`.
+ * - `hits`: hits of oc_scene_closest or oc_frame_pick in this scene, exact ones with `position`, `part`, `instance`
+ *   and `prim`.
  * - `count`: number of hits.
  * - `hit_stride`: bytes from one hit to the next. 0: tightly packed.
  * - `out_triangles`: receives one triangle for each hit, tightly packed. Do not use it if the call fails.
  *
  * Errors:
- * - OC_STATUS_INVALID_ARGUMENT: a hit has not all of these members, or no triangle of the committed scene has its ids at
- *   its position. The message names its number.
+ * - OC_STATUS_INVALID_ARGUMENT: a hit has not all of these members, or no triangle of the committed scene has its ids
+ *   at its position. The message names its number.
  * - OC_STATUS_IO, OC_STATUS_CORRUPT: a block cannot be read.
  *
  * Thread safety: any thread. Blocks; may read the disk.

@@ -123,8 +123,8 @@ impl Model {
 }
 
 impl PartReader {
-    /// Returns the next triangles, at most `most`; none at the end. Blocks; reads the disk. After an error the next call
-    /// tries the same block again. Fails with `Io`, `Corrupt`, `Cancelled` or `NoMemory`.
+    /// Returns the next triangles, at most `most`; none at the end. Blocks; reads the disk. After an error the next
+    /// call tries the same block again. Fails with `Io`, `Corrupt`, `Cancelled` or `NoMemory`.
     pub fn next(&mut self, most: usize, cancel: &Cancel) -> Result<&[StoredTriangle]> {
         while self.returned == self.waiting.len() && most > 0 {
             (self.returned, self.waiting) = (0, Vec::new());
