@@ -778,8 +778,9 @@ typedef struct oc_hit {
     /**
      * Distance from the origin, in units of the direction's length. Miss: infinity.
      *
-     * The interval includes both ends. To find the surface behind a hit, trace the ray again with `t_min` set to the
-     * next larger double after `t`. Exceptions:
+     * The interval includes both ends. oc_scene_crossings finds all surfaces along a ray. (Tracing the ray again from
+     * behind each hit does not: of coincident surfaces it finds one, and at `t` = 0 it may return the same surface for
+     * ever.) Exceptions:
      * - Two surfaces closer to each other than `t - t_free` may be returned in either order.
      * - Within the single-precision rounding error of the origin, a surface behind the origin may be returned at 0,
      *   and one in front of it may be missed.
@@ -819,6 +820,31 @@ typedef struct oc_hit {
     /** Always 0. */
     uint32_t reserved;
 } oc_hit;
+
+/** The side of a triangle. */
+typedef uint32_t oc_side;
+
+/** A point where a ray goes through an original triangle. Element of an array. */
+typedef struct oc_crossing {
+    /** Distance from the origin, in units of the direction's length, in double precision. */
+    double t;
+    /** Id of the part, as passed when the model was built. */
+    uint64_t part;
+    /** Id of the instance, as passed to oc_scene_add_instance. */
+    uint64_t instance;
+    /** Index of the triangle in the input of the build, from 0. OC_NO_ID if `kind` is OC_HIT_MISSING. */
+    uint64_t prim;
+    /** Unit geometric normal in world space, on the side of the ray's origin. */
+    float normal[3];
+    /** Barycentric weights of the triangle's second and third corner. */
+    float uv[2];
+    /** An original surface lies within this distance of the point at `t`, in world units. */
+    float error;
+    /** The side on which the ray arrives: one of the OC_SIDE_ constants. */
+    oc_side side;
+    /** OC_HIT_EXACT. With OC_QUERY_NOW also OC_HIT_MISSING: the primitive id is not in memory. */
+    oc_hit_kind kind;
+} oc_crossing;
 
 /** How a part intersects a volume. */
 typedef uint32_t oc_overlap_kind;
@@ -1292,6 +1318,12 @@ typedef struct oc_pixels {
  * needs, and the answers do not depend on the data in memory.
  */
 #define OC_QUERY_NOW 2
+
+/** The side from which the corners appear counter-clockwise. There a ray enters a solid whose triangles face outward. */
+#define OC_SIDE_FRONT 1
+
+/** The other side, where a ray leaves such a solid. */
+#define OC_SIDE_BACK 2
 
 /** Some of the part is inside the volume or touches it. */
 #define OC_OVERLAP_INTERSECTS 1
@@ -2166,6 +2198,43 @@ oc_status oc_scene_any_start(const struct oc_scene *scene,
                              uint8_t *out_any,
                              uint64_t any_stride,
                              struct oc_job **out_job);
+
+/**
+ * Finds all surfaces that rays cross, in order: nearest first, and at equal `t` by part, instance and `prim`.
+ *
+ * Coincident surfaces are all found. An edge or a corner that triangles of a closed surface share counts once, decided
+ * without any tolerance: the ray goes as often into the surface as out of it if it begins and ends outside. At a
+ * silhouette that the ray touches, it crosses the surface twice or not at all. Triangles parallel to the ray are not
+ * crossed.
+ *
+ * - `query`: the rays and options. Initialise it with OC_INIT. `want` has no effect, but must be valid. Hidden parts,
+ *   masks and bad rays are treated as by oc_scene_closest. Footprints are ignored: crossings are those of original
+ *   triangles.
+ * - `out_crossings`: receives the crossings of the first ray, then those of the second, and so on.
+ * - `capacity`: number of elements that `out_crossings` has room for. 0: only `out_ends`, `out_complete` and
+ *   `out_count` are written, `out_crossings` is ignored.
+ * - `out_ends`: receives, for each ray, the number of crossings of all rays up to and including this one. The
+ *   crossings of ray i are those from `out_ends[i - 1]` (0 for the first ray) to `out_ends[i]`, without the last.
+ * - `out_complete`: receives one byte for each ray: 1 if its crossings are all, 0 if data was missing, which happens
+ *   only with OC_QUERY_NOW. May be NULL.
+ * - `out_count`: receives the number of all crossings.
+ *
+ * Errors:
+ * - OC_STATUS_BUFFER_TOO_SMALL: `capacity` is not 0 and below the number of crossings. `out_ends`, `out_complete` and
+ *   `out_count` are written all the same; do not use `out_crossings`.
+ * - OC_STATUS_OVER_BUDGET: the crossings of a single ray take more than a quarter of the context's budget.
+ * - OC_STATUS_IO, OC_STATUS_CORRUPT: a block of the model cannot be read.
+ *
+ * Thread safety: any thread. Frames and other batches may be in flight. Blocks; may read the disk.
+ */
+OC_API
+oc_status oc_scene_crossings(const struct oc_scene *scene,
+                             const struct oc_query *query,
+                             struct oc_crossing *out_crossings,
+                             uint64_t capacity,
+                             uint64_t *out_ends,
+                             uint8_t *out_complete,
+                             uint64_t *out_count);
 
 /**
  * Finds the visible parts that intersect a box. The test is exact: it tests triangles, not bounds.

@@ -18,6 +18,7 @@ const SOURCES: &[&str] = &[
     "scene.rs",
     "looks.rs",
     "query.rs",
+    "crossings.rs",
     "overlap.rs",
     "frame.rs",
     "pixels.rs",

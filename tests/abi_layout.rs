@@ -3,6 +3,7 @@
 use outcrop::capi::build::oc_build_desc;
 use outcrop::capi::contents::{oc_material, oc_part};
 use outcrop::capi::context::{oc_context_desc, oc_executor};
+use outcrop::capi::crossings::oc_crossing;
 use outcrop::capi::frame::{oc_frame_accuracy, oc_frame_desc, oc_frame_settings};
 use outcrop::capi::job::oc_progress;
 use outcrop::capi::looks::oc_look;
@@ -72,6 +73,7 @@ fn layouts() -> Vec<Layout> {
         oc_ray { origin, t_min, t_max, direction, cone_a, cone_b, mask }
         oc_query { struct_size, want, flags, reserved, rays, count, stride }
         oc_hit { t, position, t_free, part, instance, prim, normal, uv, error, kind, reserved }
+        oc_crossing { t, part, instance, prim, normal, uv, error, side, kind }
         oc_overlap { instance, part, kind, reserved }
         oc_plane { normal, d }
         oc_target { memory, size, row_pitch, buffer, reserved }

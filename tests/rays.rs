@@ -4,6 +4,7 @@ mod bundles;
 mod common;
 mod counters;
 mod coverage;
+mod crossings;
 mod exact;
 mod exact_scene;
 mod far_away;

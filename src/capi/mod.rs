@@ -12,6 +12,7 @@ pub(crate) mod background;
 pub mod build;
 pub mod contents;
 pub mod context;
+pub mod crossings;
 pub(crate) mod fork;
 pub mod frame;
 pub(crate) mod guard;

@@ -1,4 +1,5 @@
-//! Queries to a scene: closest and any hits of rays in batches, and overlaps of boxes and frusta with parts.
+//! Queries to a scene: closest and any hits of rays in batches, all crossings of rays, and overlaps of boxes and frusta
+//! with parts.
 #![forbid(unsafe_code)]
 
 mod single;
@@ -8,6 +9,7 @@ mod asks;
 pub mod batch;
 mod beyond;
 mod chunk;
+pub mod crossings;
 pub mod hit;
 pub(crate) mod needs;
 pub mod overlap;
@@ -16,7 +18,9 @@ mod rounds;
 mod sweep;
 mod volume;
 
+pub use crate::geom::Side;
 pub(crate) use answers::stand_in;
 pub use batch::{AHEAD, Hits, PACKET, Policy, Query, QueryOptions, QueryState, QueryStatus, Rays};
+pub use crossings::Crossing;
 pub use hit::{Hit, HitKind, NONE, Want};
 pub use overlap::{How, PartOverlap, Plane};

@@ -7,7 +7,7 @@ mod meeting;
 pub(crate) mod stand_in;
 mod triangle;
 
-pub(crate) use meeting::meet;
+pub(crate) use meeting::{distance, meet};
 pub(crate) use triangle::WorldNormal;
 
 use super::hit::{Hit, HitKind, NONE, Want};

@@ -1,0 +1,304 @@
+//! All crossings of rays with surfaces, in order.
+//!
+//! A ray is answered by visits to the placed trees that it may enter. Visits are made in [sweeps](super::sweep) of
+//! limited size, in the order of the rays, so that memory does not grow with the batch. Only the crossings of the rays
+//! of one sweep are held at a time.
+
+use super::answers::{WorldNormal, distance, meet};
+use super::batch::{Policy, Rays};
+use super::hit::{HitKind, NONE};
+use super::sweep::sweep;
+use crate::base::error::{Error, Result};
+use crate::base::ids::BlockId;
+use crate::geom::Side;
+use crate::math::Ray;
+use crate::scene::SceneState;
+use crate::scene::placed::Placed;
+use crate::scene::through::Entrances;
+use crate::scene::walk::SceneView;
+use crate::structure::{Descent, TriHit, Triangle};
+use glam::Vec3;
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+
+/// A point where a ray goes through an original triangle. The members have the order of the C struct.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[repr(C)]
+pub struct Crossing {
+    /// Distance in units of the ray's `|dir|`, in double precision.
+    pub t: f64,
+    /// The caller's id of the part.
+    pub part: u64,
+    /// The caller's id of the instance.
+    pub instance: u64,
+    /// The triangle's index in the input of its model's build; [`NONE`] if it is not in memory.
+    pub prim: u64,
+    /// Unit geometric normal in world space, facing the ray's origin.
+    pub normal: Vec3,
+    /// Weights of the triangle's second and third vertex.
+    pub uv: [f32; 2],
+    /// Some original surface lies within this distance of the point at `t` (world units).
+    pub error: f32,
+    /// The side of the triangle that the ray meets.
+    pub side: Side,
+    /// [`HitKind::Exact`], or [`HitKind::Missing`] if the primitive id is not in memory.
+    pub kind: HitKind,
+}
+
+/// Takes the answer to the ray with this index: its crossings in order, and true if they are all.
+pub type Take<'a> = &'a mut dyn FnMut(usize, &[Crossing], bool);
+
+impl SceneState {
+    /// Finds all surfaces that each ray crosses within its interval, nearest first; at equal distances by part,
+    /// instance and primitive. Coincident surfaces are all found. Calls `take` in the caller's thread for each ray, in
+    /// order.
+    ///
+    /// An edge or a corner that triangles of a closed surface share counts once: the ray crosses such a surface as
+    /// often from the front as from the back if it begins and ends outside. Triangles parallel to the ray are not
+    /// crossed. Footprints are ignored: crossings are always those of original triangles. Other rules are those of
+    /// [`SceneState::closest`]: for bad rays, hidden parts, and masks. With [`Policy::Now`] the answers to some rays
+    /// may be incomplete.
+    ///
+    /// Blocks; may read the disk. Thread-safe. Fails with the error of a disk read, and with `OverBudget` if the
+    /// crossings of a single ray take more than a quarter of the context's budget.
+    pub fn crossings(&self, rays: &dyn Rays, policy: Policy, take: Take) -> Result<()> {
+        let mut some = vec![Ray::NONE; RAYS.min(rays.count())];
+        let mut sorter = Sorter::default();
+        let mut entrances = Entrances::default();
+        for first in (0..rays.count()).step_by(RAYS) {
+            let some = &mut some[..RAYS.min(rays.count() - first)];
+            rays.read(first, some);
+            let mut few =
+                Few { scene: self, rays: some, first, policy, done: 0, open: Open::new(), sorter: &mut sorter };
+            let mut visits = Vec::new();
+            for (i, ray) in some.iter().enumerate() {
+                entrances.begin(self, ray);
+                while let Some(placed) = entrances.next(self, ray) {
+                    visits.push((i as u32, placed));
+                    if visits.len() == VISITS {
+                        few.visit(&visits, take)?;
+                        visits.clear();
+                    }
+                }
+            }
+            few.visit(&visits, take)?;
+            few.finish(some.len(), take);
+        }
+        Ok(())
+    }
+}
+
+/// Number of rays that are read at a time, and greatest number of visits of a sweep.
+const RAYS: usize = 4096;
+const VISITS: usize = 1 << 14;
+
+/// The crossings that are held at a time take at most the budget divided by this.
+const SHARE: u64 = 4;
+
+/// A crossing that is not finished.
+#[derive(Debug, Clone, Copy)]
+struct Met {
+    crossing: Crossing,
+    placed: u32,
+    block: u32,
+    tri: u32,
+    /// True if the primitive id is known.
+    is_known: bool,
+}
+
+/// The result of a visit.
+#[derive(Default)]
+struct Found {
+    met: Vec<Met>,
+    /// True if blocks were missing.
+    is_short: bool,
+}
+
+/// The crossings so far of the ray that is answered next.
+struct Open {
+    met: Vec<Met>,
+    is_complete: bool,
+}
+
+impl Open {
+    fn new() -> Self {
+        Self { met: Vec::new(), is_complete: true }
+    }
+}
+
+/// Rays that are answered together.
+struct Few<'a> {
+    scene: &'a SceneState,
+    rays: &'a [Ray],
+    /// Index in the batch of the first of them.
+    first: usize,
+    policy: Policy,
+    /// Number of rays that are answered.
+    done: usize,
+    open: Open,
+    sorter: &'a mut Sorter,
+}
+
+impl Few<'_> {
+    /// Makes visits, which are in the order of their rays, and answers the rays before the last one.
+    fn visit(&mut self, mut visits: &[(u32, u32)], take: Take) -> Result<()> {
+        let mut count = visits.len();
+        while !visits.is_empty() {
+            let (now, later) = visits.split_at(count.min(visits.len()));
+            let most = self.scene.context().memory_budget() / SHARE;
+            let room = most.saturating_sub((self.open.met.len() * size_of::<Met>()) as u64);
+            let Some(found) = self.sweep(now, room)? else {
+                if count == 1 {
+                    return Err(self.too_many());
+                }
+                count = count.div_ceil(2);
+                continue;
+            };
+            for (&(ray, _), found) in now.iter().zip(found) {
+                self.finish(ray as usize, take);
+                self.open.is_complete &= !found.is_short;
+                self.open.met.extend(found.met);
+            }
+            visits = later;
+        }
+        Ok(())
+    }
+
+    /// Makes visits at the same time; `None` if their results take more than `room` bytes.
+    fn sweep(&self, visits: &[(u32, u32)], room: u64) -> Result<Option<Vec<Found>>> {
+        let trees: Vec<u32> = visits.iter().map(|&(_, placed)| placed).collect();
+        let held = AtomicU64::new(0);
+        let found = sweep(self.scene, &trees, self.policy, &|view, visit, left, found: &mut Found| {
+            let before = found.met.len();
+            let (ray, placed) = visits[visit];
+            let lacking = search(view, &self.rays[ray as usize], placed, left, found, |more| {
+                held.load(Relaxed) + ((more - before) * size_of::<Met>()) as u64 <= room
+            });
+            held.fetch_add(((found.met.len() - before) * size_of::<Met>()) as u64, Relaxed);
+            lacking
+        })?;
+        Ok((held.into_inner() <= room).then_some(found))
+    }
+
+    fn too_many(&self) -> Error {
+        let have = self.scene.context().memory_budget();
+        Error::OverBudget { what: "the crossings of a single ray".into(), need: have.saturating_mul(2), have }
+    }
+
+    /// Answers the rays before `end`.
+    fn finish(&mut self, end: usize, take: Take) {
+        while self.done < end {
+            let Open { met, is_complete } = &mut self.open;
+            take(self.first + self.done, self.sorter.sort(&self.scene.placement.placed, met), *is_complete);
+            met.clear();
+            (*is_complete, self.done) = (true, self.done + 1);
+        }
+    }
+}
+
+/// Continues a visit of a ray to a placed tree. Returns the blocks of primitive ids that it lacks. `fits`: true if so
+/// many crossings have room; otherwise the visit ends without a result.
+fn search(
+    view: &SceneView,
+    ray: &Ray,
+    placed: u32,
+    left: &mut Descent,
+    found: &mut Found,
+    fits: impl Fn(usize) -> bool,
+) -> Vec<BlockId> {
+    let p = &view.scene.placement.placed[placed as usize];
+    let instance = view.scene.instances[p.instance as usize].id;
+    let parts = view.model_of(placed).parts();
+    let met = &mut found.met;
+    view.through(ray, placed, left, &mut |hit, triangle, side, span| {
+        let t = distance(p, &triangle.vertices, ray, span);
+        // A crossing that has no room is noted, so that the caller learns of it.
+        if (ray.begins()..=ray.t_max).contains(&t) && fits(met.len()) {
+            let part = parts.id(p.first_part.saturating_add(triangle.part) as usize).unwrap_or(NONE);
+            let crossing = Crossing { part, instance, side, ..crossing(p, triangle, ray, t) };
+            met.push(Met { crossing, placed, block: hit.block, tri: hit.tri, is_known: false });
+        }
+    });
+    if !fits(met.len()) {
+        *left = Descent::default();
+        return Vec::new();
+    }
+    let tree = view.tree(placed);
+    let mut lacking = Vec::new();
+    for met in met.iter_mut().filter(|met| !met.is_known) {
+        match tree.prim(&TriHit { block: met.block, tri: met.tri, ..TriHit::none(0.0) }) {
+            Ok(prim) => {
+                met.crossing.prim = prim.map_or(NONE, u64::from);
+                (met.crossing.kind, met.is_known) = (HitKind::Exact, true);
+            }
+            Err(block) if lacking.last() != Some(&block) => lacking.push(block),
+            Err(_) => {}
+        }
+    }
+    found.is_short = !lacking.is_empty() || left.missing().next().is_some();
+    lacking
+}
+
+/// The crossing of a ray and a triangle at `t`, without ids.
+fn crossing(placed: &Placed, triangle: &Triangle, ray: &Ray, t: f64) -> Crossing {
+    let meeting = meet(placed, &triangle.vertices, ray, t);
+    Crossing {
+        // The sum makes one zero of both.
+        t: meeting.t + 0.0,
+        part: NONE,
+        instance: NONE,
+        prim: NONE,
+        normal: WorldNormal::new(placed, &triangle.vertices).facing(ray.dir),
+        uv: meeting.weights.map(|w| w as f32),
+        error: meeting.error(placed, ray),
+        side: Side::Front,
+        kind: HitKind::Missing,
+    }
+}
+
+/// Puts the crossings of a ray in order.
+#[derive(Default)]
+struct Sorter {
+    crossings: Vec<Crossing>,
+}
+
+impl Sorter {
+    /// Returns the crossings in order, each once.
+    fn sort(&mut self, placed: &[Placed], met: &mut Vec<Met>) -> &[Crossing] {
+        keep_one_of_each(placed, met);
+        self.crossings.clear();
+        self.crossings.extend(met.iter().map(|met| met.crossing));
+        let key = |c: &Crossing| (c.part, c.instance, c.prim);
+        self.crossings.sort_by(|a, b| a.t.total_cmp(&b.t).then_with(|| key(a).cmp(&key(b))));
+        &self.crossings
+    }
+}
+
+/// Removes the repetitions of triangles that are in several leaves of a tree, or in several trees of a divided mesh.
+fn keep_one_of_each(placed: &[Placed], met: &mut Vec<Met>) {
+    let tree = |met: &Met| placed[met.placed as usize].tree;
+    let triangle = |met: &Met| (met.crossing.instance, met.crossing.part, met.crossing.prim);
+    met.sort_unstable_by_key(|met| (triangle(met), tree(met), met.placed, met.block, met.tri));
+    // The first kept crossing of the triangle, and the first one in the same tree.
+    let (mut of_triangle, mut of_tree, mut kept) = (0, 0, 0);
+    for i in 0..met.len() {
+        let now = met[i];
+        if kept > 0 && triangle(&met[kept - 1]) == triangle(&now) {
+            let last = met[kept - 1];
+            if last.placed == now.placed && now.is_known {
+                continue;
+            }
+            if tree(&last) != tree(&now) {
+                of_tree = kept;
+            }
+            let is_beside = |other: &Met| placed[other.placed as usize].is_beside(&placed[now.placed as usize]);
+            if now.is_known && met[of_triangle..of_tree].iter().any(is_beside) {
+                continue;
+            }
+        } else {
+            (of_triangle, of_tree) = (kept, kept);
+        }
+        met[kept] = now;
+        kept += 1;
+    }
+    met.truncate(kept);
+}
