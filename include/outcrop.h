@@ -606,6 +606,9 @@ typedef struct oc_model_info {
     uint32_t has_colours;
 } oc_model_info;
 
+/** Flags of a part. */
+typedef uint32_t oc_part_flags;
+
 /** Properties of a part of a model. */
 typedef struct oc_part_info {
     /** Size of this struct in bytes; OC_INIT sets it. */
@@ -628,6 +631,10 @@ typedef struct oc_part_info {
     float metalness;
     /** Material: roughness, 0 to 1. */
     float roughness;
+    /** OC_PART_ flags, combined with `|`. */
+    oc_part_flags flags;
+    /** Always 0. */
+    uint32_t reserved;
 } oc_part_info;
 
 /** Kind of a camera. */
@@ -845,6 +852,24 @@ typedef struct oc_crossing {
     /** OC_HIT_EXACT. With OC_QUERY_NOW also OC_HIT_MISSING: the primitive id is not in memory. */
     oc_hit_kind kind;
 } oc_crossing;
+
+/** The relation of a part to a point. */
+typedef uint32_t oc_holds;
+
+/** A part at a point. Element of an array. */
+typedef struct oc_part_at {
+    /** Id of the instance, as passed to oc_scene_add_instance. */
+    uint64_t instance;
+    /** Id of the part, as passed when the model was built. */
+    uint64_t part;
+    /**
+     * How many times the surface surrounds the point: 1 in a solid whose triangles face outward, -1 if they face
+     * inward. Without OC_PART_ORIENTED: 1. OC_HOLDS_UNDECIDED: 0.
+     */
+    int32_t winding;
+    /** One of the OC_HOLDS_ constants. */
+    oc_holds holds;
+} oc_part_at;
 
 /** How a part intersects a volume. */
 typedef uint32_t oc_overlap_kind;
@@ -1224,6 +1249,19 @@ typedef struct oc_pixels {
 /** +Z (most CAD). */
 #define OC_UP_Z 3
 
+/**
+ * The part's own triangles form a closed surface: each edge belongs to an even number of them. Rays cross the part an
+ * even number of times. The stored positions decide, and triangles without area count.
+ */
+#define OC_PART_CLOSED 1
+
+/**
+ * The surface is closed, and its triangles face one way: each edge is passed as often in one direction as in the
+ * other. Rays leave the part as often as they enter it. A part that is closed without this flag has triangles that
+ * face the wrong way, or has no inside.
+ */
+#define OC_PART_ORIENTED 2
+
 /** At the eye. No falloff, no shadows. */
 #define OC_LIGHT_HEAD 0
 
@@ -1324,6 +1362,12 @@ typedef struct oc_pixels {
 
 /** The other side, where a ray leaves such a solid. */
 #define OC_SIDE_BACK 2
+
+/** The part is closed (OC_PART_CLOSED), and the point is inside. */
+#define OC_HOLDS_INSIDE 1
+
+/** The part is not closed, and the point is within its bounds: nothing says whether it is inside. */
+#define OC_HOLDS_UNDECIDED 2
 
 /** Some of the part is inside the volume or touches it. */
 #define OC_OVERLAP_INTERSECTS 1
@@ -2235,6 +2279,68 @@ oc_status oc_scene_crossings(const struct oc_scene *scene,
                              uint64_t *out_ends,
                              uint8_t *out_complete,
                              uint64_t *out_count);
+
+/**
+ * Finds the visible parts that hold points.
+ *
+ * A ray from the point decides. A part with OC_PART_ORIENTED holds the point if the ray leaves the part more often or
+ * less often than it enters it. A part with OC_PART_CLOSED alone holds the point if the ray crosses it an odd number
+ * of times. A part without these flags is reported as OC_HOLDS_UNDECIDED if the point is within its bounds. A point
+ * nearer to a surface than rounding may be counted on either side. No part holds a point that is not finite.
+ *
+ * - `points`: 3 doubles each, world space.
+ * - `count`: number of points.
+ * - `stride`: bytes from one point to the next. 0: tightly packed.
+ * - `out_parts`: receives the parts of the first point, then those of the second, and so on. The parts of a point are
+ *   ordered by instance (in the order added), then by part (in the model's order).
+ * - `capacity`: number of elements that `out_parts` has room for. 0: only `out_ends` and `out_count` are written,
+ *   `out_parts` is ignored.
+ * - `out_ends`: receives, for each point, the number of parts of all points up to and including this one.
+ * - `out_count`: receives the number of parts of all points.
+ *
+ * Errors:
+ * - OC_STATUS_BUFFER_TOO_SMALL: `capacity` is not 0 and below the number of parts. `out_ends` and `out_count` are
+ *   written all the same; do not use `out_parts`.
+ * - Otherwise as for oc_scene_crossings.
+ *
+ * Thread safety: any thread. Blocks; may read the disk.
+ */
+OC_API
+oc_status oc_scene_parts_at(const struct oc_scene *scene,
+                            const double *points,
+                            uint64_t count,
+                            uint64_t stride,
+                            struct oc_part_at *out_parts,
+                            uint64_t capacity,
+                            uint64_t *out_ends,
+                            uint64_t *out_count);
+
+/**
+ * Measures how thick parts are at hits: the distance from each hit straight into the part, against the normal, to the
+ * opposite side of the same part and instance.
+ *
+ * The opposite side is the first triangle behind the hit that faces the other way than the one that was hit. For a
+ * part that is not closed it may lie beyond a hole.
+ *
+ * - `hits`: hits of oc_scene_closest or of a pick. Their `kind`, `position`, `normal`, `part` and `instance` must be
+ *   set; `prim` and `error` help at edges.
+ * - `count`: number of hits.
+ * - `hit_stride`: bytes from one hit to the next. 0: tightly packed.
+ * - `out_thickness`: receives the distances, in world units: infinity if there is no opposite side, or if the hit is a
+ *   miss. Do not use it if the call fails.
+ * - `stride`: bytes from one distance to the next. 0: tightly packed.
+ *
+ * Errors: as for oc_scene_crossings.
+ *
+ * Thread safety: any thread. Blocks; may read the disk.
+ */
+OC_API
+oc_status oc_scene_thickness(const struct oc_scene *scene,
+                             const struct oc_hit *hits,
+                             uint64_t count,
+                             uint64_t hit_stride,
+                             double *out_thickness,
+                             uint64_t stride);
 
 /**
  * Finds the visible parts that intersect a box. The test is exact: it tests triangles, not bounds.

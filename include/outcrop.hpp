@@ -326,6 +326,21 @@ class scene : public scene_handle {
         found.resize(static_cast<std::size_t>(count));
         return found;
     }
+    /** The parts of point i are from ends[i - 1] (0 for the first point) to ends[i], without the last. */
+    std::vector<oc_part_at> parts_at(const double (*points)[3], std::size_t count,
+                                     std::vector<std::uint64_t> &ends) const {
+        std::uint64_t found = 0;
+        ends.resize(count);
+        check(oc_scene_parts_at(get(), points ? points[0] : nullptr, count, 0, nullptr, 0, ends.data(), &found));
+        std::vector<oc_part_at> parts(static_cast<std::size_t>(found));
+        check(oc_scene_parts_at(get(), points ? points[0] : nullptr, count, 0, parts.data(), found, ends.data(), &found));
+        return parts;
+    }
+    std::vector<double> thickness(const std::vector<oc_hit> &hits) const {
+        std::vector<double> found(hits.size());
+        check(oc_scene_thickness(get(), hits.data(), hits.size(), 0, found.data(), 0));
+        return found;
+    }
     std::vector<oc_overlap> overlap_box(const double (&low)[3], const double (&high)[3]) const {
         std::uint64_t count = 0;
         check(oc_scene_overlap_box(get(), low, high, nullptr, 0, &count));

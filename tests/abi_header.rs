@@ -19,6 +19,7 @@ const SOURCES: &[&str] = &[
     "looks.rs",
     "query.rs",
     "crossings.rs",
+    "inside.rs",
     "overlap.rs",
     "frame.rs",
     "pixels.rs",

@@ -1,12 +1,15 @@
 //! All crossings of rays, against integers: rays through corners and edges of closed models cross them as often from
 //! the front as from the back.
 
+use crate::common::asked::ask;
 use crate::common::built::{self, Part, on_each_structure};
 use crate::common::closed::{Closed, GridRay, twelve};
 use crate::common::rng::Rng;
+use crate::common::scenes::has_area;
+use glam::{DAffine3, DQuat, DVec3, Vec3};
 use outcrop::math::Ray;
-use outcrop::query::{Crossing, HitKind, Policy, Side};
-use outcrop::scene::SceneState;
+use outcrop::query::{Crossing, HitKind, Holds, PartAt, Policy, QueryOptions, Side};
+use outcrop::scene::{Look, Model, Scene, SceneState};
 use std::collections::BTreeMap;
 
 /// The crossings of each ray, which must be complete.
@@ -116,4 +119,122 @@ fn closed_parts_are_entered_as_often_as_left() {
     }
 }
 
-on_each_structure!(crossings_equal_those_of_integers, closed_parts_are_entered_as_often_as_left);
+on_each_structure!(
+    crossings_equal_those_of_integers,
+    closed_parts_are_entered_as_often_as_left,
+    parts_say_whether_they_are_closed,
+    a_point_is_in_the_parts_around_it,
+    an_open_part_is_undecided_within_its_bounds,
+    thickness_is_the_distance_to_the_opposite_side,
+);
+
+fn parts_say_whether_they_are_closed() {
+    let context = built::context(1);
+    for closed in twelve() {
+        let whole = parts_of(&closed);
+        let mut open = parts_of(&closed);
+        // One without area may have no edge of its own.
+        let solid = open[0].tris.iter().position(has_area).expect("a triangle");
+        open[0].tris.remove(solid);
+        let mut turned = parts_of(&closed);
+        turned[0].tris[solid].swap(0, 1);
+        let flags = |parts: &[Part]| {
+            let model = Model::open(&context, &built::parts(parts).path).expect("a model");
+            model.parts().iter().map(|part| (part.is_closed, part.is_oriented)).collect::<Vec<_>>()
+        };
+        let is_bottle = closed.name == "bottle of Klein";
+        assert_eq!(flags(&whole), vec![(true, !is_bottle); whole.len()], "{}", closed.name);
+        assert_eq!(flags(&open)[0], (false, false), "{}", closed.name);
+        assert_eq!(flags(&turned)[0], (true, false), "{}", closed.name);
+        assert_eq!(flags(&turned)[1..], flags(&whole)[1..], "{}", closed.name);
+    }
+}
+
+/// The parts at each point.
+fn parts_at(scene: &SceneState, points: &[DVec3]) -> Vec<Vec<PartAt>> {
+    let mut all = Vec::new();
+    scene.parts_at(points, &mut |_, parts| all.push(parts.to_vec())).expect("parts");
+    assert_eq!(all.len(), points.len());
+    all
+}
+
+fn a_point_is_in_the_parts_around_it() {
+    let context = built::context(1);
+    let models = twelve();
+    let named = |name| models.iter().find(|closed| closed.name == name).expect("a model");
+    let ids = |closed: &Closed, points: &[DVec3]| {
+        let (scene, _) = built::scene(&context, &built::parts(&parts_of(closed)));
+        let found = parts_at(&scene.state(), points);
+        assert!(found.iter().flatten().all(|at| at.instance == 7 && at.winding == 1 && at.holds == Holds::Inside));
+        found.iter().map(|at| at.iter().map(|at| at.part).collect::<Vec<_>>()).collect::<Vec<_>>()
+    };
+    let along = |x: [f64; 4]| x.map(|x| DVec3::new(x, 0.0, 0.0));
+    let nested = ids(named("nested boxes"), &along([0.5, 1.5, 3.0, 4.5]));
+    assert_eq!(nested, [vec![100, 101, 102], vec![100, 101], vec![100], vec![]]);
+    assert_eq!(
+        ids(named("coincident boxes"), &along([0.1, -1.9, -2.1, 3.9])),
+        [vec![100, 101], vec![100, 101], vec![], vec![100, 101]]
+    );
+    // On faces, edges and corners that boxes share, and there is space on no other side.
+    let touching = named("touching boxes");
+    let lattice = |i: i32| DVec3::new(f64::from(i % 7) - 3.0, f64::from(i / 7) - 3.0, -2.0);
+    let found = ids(touching, &(0..49).map(lattice).collect::<Vec<_>>());
+    let inside = |i: i32| (lattice(i).x < 0.0 && lattice(i).y < 0.0, lattice(i).x > 0.0);
+    for i in (0..49).filter(|&i| inside(i).0 || inside(i).1) {
+        assert_eq!(found[i as usize].len(), 1, "{}: {:?}", lattice(i), found[i as usize]);
+    }
+    // Of the bottle: by parity.
+    let bottle = ids(named("bottle of Klein"), &[DVec3::ZERO, DVec3::new(5.6, 0.01, 0.02)]);
+    assert_eq!(bottle, [vec![], vec![100]]);
+    let (scene, _) = built::scene(&context, &built::parts(&parts_of(named("box"))));
+    assert_eq!(
+        parts_at(&scene.state(), &[DVec3::NAN, DVec3::INFINITY, DVec3::ZERO]).iter().map(Vec::len).collect::<Vec<_>>(),
+        [0, 0, 1]
+    );
+}
+
+fn an_open_part_is_undecided_within_its_bounds() {
+    let context = built::context(1);
+    let closed = twelve().into_iter().find(|closed| closed.name == "nested boxes").expect("a model");
+    let mut parts = parts_of(&closed);
+    parts[1].tris.pop();
+    // Inward: the winding number says so.
+    parts[2].tris.iter_mut().for_each(|tri| tri.swap(0, 1));
+    let (scene, _) = built::scene(&context, &built::parts(&parts));
+    let at = |part, winding, holds| PartAt { instance: 7, part, winding, holds };
+    let all = [at(100, 1, Holds::Inside), at(101, 0, Holds::Undecided), at(102, -1, Holds::Inside)];
+    let points = [0.5, 1.5, 3.0].map(|x| DVec3::new(0.1, x, 0.2));
+    assert_eq!(parts_at(&scene.state(), &points), [all.to_vec(), all[..2].to_vec(), all[..1].to_vec()]);
+    // Hidden parts hold nothing.
+    scene.set_part_look(7, 101, Look { visible: false, ..Look::default() }).expect("a look");
+    scene.set_part_look(7, 100, Look { visible: false, ..Look::default() }).expect("a look");
+    scene.commit().expect("a commit");
+    assert_eq!(parts_at(&scene.state(), &points), [all[2..].to_vec(), vec![], vec![]]);
+}
+
+fn thickness_is_the_distance_to_the_opposite_side() {
+    let context = built::context(1);
+    let closed = twelve().into_iter().find(|closed| closed.name == "nested boxes").expect("a model");
+    let file = built::parts(&parts_of(&closed));
+    let model = Model::open(&context, &file.path).expect("a model");
+    let scene = Scene::new(&context);
+    let turn = DQuat::from_rotation_y(0.3) * DQuat::from_rotation_x(0.8);
+    let map = DAffine3::from_scale_rotation_translation(DVec3::new(-2.0, 2.0, 2.0), turn, DVec3::new(100.0, 5.0, -7.0));
+    scene.add_instance(&model, 7, DAffine3::IDENTITY).expect("an instance");
+    scene.add_instance(&model, 8, map).expect("an instance");
+    scene.commit().expect("a commit");
+    let state = scene.state();
+    let mut rays = vec![Ray::new(DVec3::new(0.3, 0.2, 9.0), Vec3::NEG_Z), Ray::new(DVec3::splat(50.0), Vec3::Z)];
+    rays.push(Ray { t_min: 6.0, ..rays[0] });
+    rays.push(Ray::new(map.transform_point3(rays[0].origin), map.transform_vector3(-DVec3::Z).as_vec3()));
+    // From inside, through the wall of the large box: into the space outside.
+    rays.push(Ray::new(DVec3::new(0.3, 0.2, 3.0), Vec3::Z));
+    // An edge of all quads.
+    rays.push(Ray::new(DVec3::new(0.0, 0.0, 9.0), Vec3::NEG_Z));
+    let hits = ask(&state, &rays, QueryOptions::default());
+    let found = state.thickness(&hits).expect("thickness");
+    let expected = [8.0, f64::INFINITY, 4.0, 16.0, f64::INFINITY, 8.0];
+    for ((found, expected), hit) in found.iter().zip(expected).zip(&hits) {
+        assert!(*found == expected || (found - expected).abs() < 1e-5, "{found}, not {expected}: {hit:?}");
+    }
+}

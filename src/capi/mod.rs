@@ -17,6 +17,7 @@ pub(crate) mod fork;
 pub mod frame;
 pub(crate) mod guard;
 pub(crate) mod handles;
+pub mod inside;
 pub mod job;
 pub mod looks;
 pub mod model;

@@ -61,14 +61,22 @@ impl SceneState {
     /// Blocks; may read the disk. Thread-safe. Fails with the error of a disk read, and with `OverBudget` if the
     /// crossings of a single ray take more than a quarter of the context's budget.
     pub fn crossings(&self, rays: &dyn Rays, policy: Policy, take: Take) -> Result<()> {
+        let mut crossings = Vec::new();
+        self.crossings_of_parts(rays, policy, &mut |ray, met, is_complete| {
+            crossings.clear();
+            crossings.extend(met.iter().map(|met| met.crossing));
+            take(ray, &crossings, is_complete);
+        })
+    }
+
+    /// [`SceneState::crossings`], with the indices of parts and instances.
+    pub(super) fn crossings_of_parts(&self, rays: &dyn Rays, policy: Policy, take: TakeMet) -> Result<()> {
         let mut some = vec![Ray::NONE; RAYS.min(rays.count())];
-        let mut sorter = Sorter::default();
         let mut entrances = Entrances::default();
         for first in (0..rays.count()).step_by(RAYS) {
             let some = &mut some[..RAYS.min(rays.count() - first)];
             rays.read(first, some);
-            let mut few =
-                Few { scene: self, rays: some, first, policy, done: 0, open: Open::new(), sorter: &mut sorter };
+            let mut few = Few { scene: self, rays: some, first, policy, done: 0, open: Open::new() };
             let mut visits = Vec::new();
             for (i, ray) in some.iter().enumerate() {
                 entrances.begin(self, ray);
@@ -94,11 +102,17 @@ const VISITS: usize = 1 << 14;
 /// The crossings that are held at a time take at most the budget divided by this.
 const SHARE: u64 = 4;
 
-/// A crossing that is not finished.
+/// Takes the answer to a ray, as [`Take`].
+pub(super) type TakeMet<'a> = &'a mut dyn FnMut(usize, &[Met], bool);
+
+/// A crossing, with the place of its triangle.
 #[derive(Debug, Clone, Copy)]
-struct Met {
-    crossing: Crossing,
-    placed: u32,
+pub(super) struct Met {
+    pub crossing: Crossing,
+    /// Index of the placed tree.
+    pub placed: u32,
+    /// Index of the part in its model.
+    pub part: u32,
     block: u32,
     tri: u32,
     /// True if the primitive id is known.
@@ -135,12 +149,11 @@ struct Few<'a> {
     /// Number of rays that are answered.
     done: usize,
     open: Open,
-    sorter: &'a mut Sorter,
 }
 
 impl Few<'_> {
     /// Makes visits, which are in the order of their rays, and answers the rays before the last one.
-    fn visit(&mut self, mut visits: &[(u32, u32)], take: Take) -> Result<()> {
+    fn visit(&mut self, mut visits: &[(u32, u32)], take: TakeMet) -> Result<()> {
         let mut count = visits.len();
         while !visits.is_empty() {
             let (now, later) = visits.split_at(count.min(visits.len()));
@@ -185,10 +198,11 @@ impl Few<'_> {
     }
 
     /// Answers the rays before `end`.
-    fn finish(&mut self, end: usize, take: Take) {
+    fn finish(&mut self, end: usize, take: TakeMet) {
         while self.done < end {
             let Open { met, is_complete } = &mut self.open;
-            take(self.first + self.done, self.sorter.sort(&self.scene.placement.placed, met), *is_complete);
+            sort(&self.scene.placement.placed, met);
+            take(self.first + self.done, met, *is_complete);
             met.clear();
             (*is_complete, self.done) = (true, self.done + 1);
         }
@@ -213,9 +227,10 @@ fn search(
         let t = distance(p, &triangle.vertices, ray, span);
         // A crossing that has no room is noted, so that the caller learns of it.
         if (ray.begins()..=ray.t_max).contains(&t) && fits(met.len()) {
-            let part = parts.id(p.first_part.saturating_add(triangle.part) as usize).unwrap_or(NONE);
-            let crossing = Crossing { part, instance, side, ..crossing(p, triangle, ray, t) };
-            met.push(Met { crossing, placed, block: hit.block, tri: hit.tri, is_known: false });
+            let part = p.first_part.saturating_add(triangle.part);
+            let id = parts.id(part as usize).unwrap_or(NONE);
+            let crossing = Crossing { part: id, instance, side, ..crossing(p, triangle, ray, t) };
+            met.push(Met { crossing, placed, part, block: hit.block, tri: hit.tri, is_known: false });
         }
     });
     if !fits(met.len()) {
@@ -255,22 +270,11 @@ fn crossing(placed: &Placed, triangle: &Triangle, ray: &Ray, t: f64) -> Crossing
     }
 }
 
-/// Puts the crossings of a ray in order.
-#[derive(Default)]
-struct Sorter {
-    crossings: Vec<Crossing>,
-}
-
-impl Sorter {
-    /// Returns the crossings in order, each once.
-    fn sort(&mut self, placed: &[Placed], met: &mut Vec<Met>) -> &[Crossing] {
-        keep_one_of_each(placed, met);
-        self.crossings.clear();
-        self.crossings.extend(met.iter().map(|met| met.crossing));
-        let key = |c: &Crossing| (c.part, c.instance, c.prim);
-        self.crossings.sort_by(|a, b| a.t.total_cmp(&b.t).then_with(|| key(a).cmp(&key(b))));
-        &self.crossings
-    }
+/// Puts the crossings of a ray in order, each once.
+fn sort(placed: &[Placed], met: &mut Vec<Met>) {
+    keep_one_of_each(placed, met);
+    let key = |met: &Met| (met.crossing.part, met.crossing.instance, met.crossing.prim);
+    met.sort_by(|a, b| a.crossing.t.total_cmp(&b.crossing.t).then_with(|| key(a).cmp(&key(b))));
 }
 
 /// Removes the repetitions of triangles that are in several leaves of a tree, or in several trees of a divided mesh.

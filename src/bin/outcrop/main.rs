@@ -9,6 +9,7 @@ mod bench;
 mod build;
 mod check;
 mod common;
+mod crossings;
 mod generate;
 mod info;
 mod output;
@@ -34,6 +35,7 @@ enum Verb {
     Build(build::Args),
     Info(info::Args),
     Check(check::Args),
+    Crossings(crossings::Args),
     Render(render::Args),
     Bench(bench::Args),
 }
@@ -44,6 +46,7 @@ fn run(verb: Verb) -> Outcome {
         Verb::Build(args) => build::run(&args),
         Verb::Info(args) => info::run(&args),
         Verb::Check(args) => check::run(&args),
+        Verb::Crossings(args) => crossings::run(&args),
         Verb::Render(args) => render::run(&args),
         Verb::Bench(args) => bench::run(&args),
     }
