@@ -88,6 +88,13 @@ fn compare(count: usize) {
     }
 }
 
+/// A million rays. Run it with optimised code: `cargo test --test rays a_million -- --ignored`.
+#[test]
+#[ignore = "takes a minute"]
+fn a_million_rays_cross_as_integers_say() {
+    compare(1_000_000 / 12 + 1);
+}
+
 fn crossings_equal_those_of_integers() {
     compare(built::sized(9_000, 700));
 }

@@ -1,6 +1,7 @@
 //! How rays are traced: single rays, packets, streams, bundles, intervals and queries, compared with double precision.
 
 mod bundles;
+mod closed_parts;
 mod common;
 mod counters;
 mod coverage;

@@ -10,6 +10,7 @@ use super::hit::{HitKind, NONE};
 use super::sweep::sweep;
 use crate::base::error::{Error, Result};
 use crate::base::ids::BlockId;
+use crate::base::memory::make_room;
 use crate::geom::Side;
 use crate::math::Ray;
 use crate::scene::SceneState;
@@ -61,12 +62,18 @@ impl SceneState {
     /// Blocks; may read the disk. Thread-safe. Fails with the error of a disk read, and with `OverBudget` if the
     /// crossings of a single ray take more than a quarter of the context's budget.
     pub fn crossings(&self, rays: &dyn Rays, policy: Policy, take: Take) -> Result<()> {
-        let mut crossings = Vec::new();
+        let (mut crossings, mut refused) = (Vec::new(), Ok(()));
         self.crossings_of_parts(rays, policy, &mut |ray, met, is_complete| {
             crossings.clear();
-            crossings.extend(met.iter().map(|met| met.crossing));
-            take(ray, &crossings, is_complete);
-        })
+            let room = make_room(&mut crossings, met.len(), CROSSINGS);
+            if refused.is_ok() && room.is_ok() {
+                crossings.extend(met.iter().map(|met| met.crossing));
+                take(ray, &crossings, is_complete);
+            } else {
+                refused = std::mem::replace(&mut refused, Ok(())).and(room);
+            }
+        })?;
+        refused
     }
 
     /// [`SceneState::crossings`], with the indices of parts and instances.
@@ -94,6 +101,9 @@ impl SceneState {
         Ok(())
     }
 }
+
+/// What the memory of results is for, in errors.
+const CROSSINGS: &str = "the crossings of rays";
 
 /// Number of rays that are read at a time, and greatest number of visits of a sweep.
 const RAYS: usize = 4096;
@@ -125,6 +135,8 @@ struct Found {
     met: Vec<Met>,
     /// True if blocks were missing.
     is_short: bool,
+    /// True if the system has refused memory.
+    is_refused: bool,
 }
 
 /// The crossings so far of the ray that is answered next.
@@ -157,11 +169,12 @@ impl Few<'_> {
         let mut count = visits.len();
         while !visits.is_empty() {
             let (now, later) = visits.split_at(count.min(visits.len()));
+            self.finish(now[0].0 as usize, take);
             let most = self.scene.context().memory_budget() / SHARE;
             let room = most.saturating_sub((self.open.met.len() * size_of::<Met>()) as u64);
             let Some(found) = self.sweep(now, room)? else {
                 if count == 1 {
-                    return Err(self.too_many());
+                    return Err(self.too_many(now[0].0)?);
                 }
                 count = count.div_ceil(2);
                 continue;
@@ -169,6 +182,7 @@ impl Few<'_> {
             for (&(ray, _), found) in now.iter().zip(found) {
                 self.finish(ray as usize, take);
                 self.open.is_complete &= !found.is_short;
+                make_room(&mut self.open.met, found.met.len(), CROSSINGS)?;
                 self.open.met.extend(found.met);
             }
             visits = later;
@@ -189,12 +203,32 @@ impl Few<'_> {
             held.fetch_add(((found.met.len() - before) * size_of::<Met>()) as u64, Relaxed);
             lacking
         })?;
+        if let Some(refused) = found.iter().find(|found| found.is_refused) {
+            let bytes = (2 * refused.met.len() * size_of::<Met>()) as u64;
+            return Err(Error::NoMemory { what: CROSSINGS.into(), bytes });
+        }
         Ok((held.into_inner() <= room).then_some(found))
     }
 
-    fn too_many(&self) -> Error {
+    /// The error that the crossings of a ray take too much memory; counts them all.
+    fn too_many(&self, ray: u32) -> Result<Error> {
+        let (mut entrances, mut count, mut left) = (Entrances::default(), 0, true);
+        let ray = &self.rays[ray as usize];
+        entrances.begin(self.scene, ray);
+        while left {
+            let trees: Vec<u32> = std::iter::from_fn(|| entrances.next(self.scene, ray)).take(VISITS).collect();
+            left = !trees.is_empty();
+            count += sweep(self.scene, &trees, self.policy, &|view, visit, left, count: &mut u64| {
+                view.through(ray, trees[visit], left, &mut |_, _, _, _| *count += 1);
+                Vec::new()
+            })?
+            .iter()
+            .sum::<u64>();
+        }
+        // The margin is for the room that a vector grows by.
+        let need = (count + 2) * size_of::<Met>() as u64 * SHARE;
         let have = self.scene.context().memory_budget();
-        Error::OverBudget { what: "the crossings of a single ray".into(), need: have.saturating_mul(2), have }
+        Ok(Error::OverBudget { what: format!("the {count} crossings of a single ray"), need: need.max(have + 1), have })
     }
 
     /// Answers the rays before `end`.
@@ -222,11 +256,15 @@ fn search(
     let p = &view.scene.placement.placed[placed as usize];
     let instance = view.scene.instances[p.instance as usize].id;
     let parts = view.model_of(placed).parts();
-    let met = &mut found.met;
+    let Found { met, is_refused, .. } = found;
     view.through(ray, placed, left, &mut |hit, triangle, side, span| {
         let t = distance(p, &triangle.vertices, ray, span);
         // A crossing that has no room is noted, so that the caller learns of it.
         if (ray.begins()..=ray.t_max).contains(&t) && fits(met.len()) {
+            if met.try_reserve(1).is_err() {
+                *is_refused = true;
+                return;
+            }
             let part = p.first_part.saturating_add(triangle.part);
             let id = parts.id(part as usize).unwrap_or(NONE);
             let crossing = Crossing { part: id, instance, side, ..crossing(p, triangle, ray, t) };
@@ -273,8 +311,8 @@ fn crossing(placed: &Placed, triangle: &Triangle, ray: &Ray, t: f64) -> Crossing
 /// Puts the crossings of a ray in order, each once.
 fn sort(placed: &[Placed], met: &mut Vec<Met>) {
     keep_one_of_each(placed, met);
-    let key = |met: &Met| (met.crossing.part, met.crossing.instance, met.crossing.prim);
-    met.sort_by(|a, b| a.crossing.t.total_cmp(&b.crossing.t).then_with(|| key(a).cmp(&key(b))));
+    let key = |met: &Met| (met.crossing.part, met.crossing.instance, met.crossing.prim, met.placed, met.block, met.tri);
+    met.sort_unstable_by(|a, b| a.crossing.t.total_cmp(&b.crossing.t).then_with(|| key(a).cmp(&key(b))));
 }
 
 /// Removes the repetitions of triangles that are in several leaves of a tree, or in several trees of a divided mesh.

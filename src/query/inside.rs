@@ -1,10 +1,11 @@
 //! Questions to closed parts, answered by [crossings](super::crossings): which parts hold a point, and how thick a part
 //! is at a hit.
 
-use super::batch::Policy;
+use super::batch::{Policy, Rays};
 use super::crossings::Met;
 use super::hit::{Hit, HitKind, NONE};
 use crate::base::error::Result;
+use crate::base::memory::room;
 use crate::geom::Side;
 use crate::math::{DBounds, Ray};
 use crate::scene::SceneState;
@@ -55,9 +56,9 @@ impl SceneState {
     ///
     /// Blocks; may read the disk. Thread-safe. Fails like [`SceneState::crossings`].
     pub fn parts_at(&self, points: &[DVec3], take: &mut dyn FnMut(usize, &[PartAt])) -> Result<()> {
-        let rays: Vec<Ray> = points.iter().map(|&point| Ray::new(point, DIR)).collect();
+        let rays = Each(points, |&point: &DVec3| Ray::new(point, DIR));
         let (mut entrances, mut all, mut parts) = (Entrances::default(), Vec::new(), Vec::new());
-        self.crossings_of_parts(&&rays[..], Policy::Exact, &mut |index, met, _| {
+        self.crossings_of_parts(&rays, Policy::Exact, &mut |index, met, _| {
             all.clear();
             self.closed_around(met, &mut all);
             self.open_around(points[index], &mut entrances, &mut all);
@@ -76,9 +77,10 @@ impl SceneState {
     ///
     /// Blocks; may read the disk. Thread-safe. Fails like [`SceneState::crossings`].
     pub fn thickness(&self, hits: &[Hit]) -> Result<Vec<f64>> {
-        let rays: Vec<Ray> = hits.iter().map(|hit| inward(hit).map_or(Ray::NONE, |(ray, _)| ray)).collect();
-        let mut all = vec![f64::INFINITY; hits.len()];
-        self.crossings_of_parts(&&rays[..], Policy::Exact, &mut |index, met, _| {
+        let rays = Each(hits, |hit: &Hit| inward(hit).map_or(Ray::NONE, |(ray, _)| ray));
+        let mut all = room(hits.len(), "thicknesses")?;
+        all.resize(hits.len(), f64::INFINITY);
+        self.crossings_of_parts(&rays, Policy::Exact, &mut |index, met, _| {
             if let Some((_, before)) = inward(&hits[index]) {
                 all[index] = behind(&hits[index], before, met);
             }
@@ -140,6 +142,18 @@ impl SceneState {
         let id = self.models[it.model as usize].parts().id(part as usize).unwrap_or(NONE);
         let holds = if winding == 0 { Holds::Undecided } else { Holds::Inside };
         PartAt { instance: it.id, part: id, winding, holds }
+    }
+}
+
+/// The rays that a function makes of the elements of a slice.
+struct Each<'a, T, F>(&'a [T], F);
+
+impl<T: Sync, F: Fn(&T) -> Ray + Sync> Rays for Each<'_, T, F> {
+    fn count(&self) -> usize {
+        self.0.len()
+    }
+    fn read(&self, first: usize, out: &mut [Ray]) {
+        out.iter_mut().zip(&self.0[first..]).for_each(|(ray, it)| *ray = (self.1)(it));
     }
 }
 
