@@ -638,6 +638,9 @@ typedef struct oc_model_info {
     uint32_t reserved;
 } oc_model_info;
 
+/** Flags of a part. */
+typedef uint32_t oc_part_flags;
+
 /** Properties of a part of a model. */
 typedef struct oc_part_info {
     /** Size of this struct in bytes; OC_INIT sets it. */
@@ -660,6 +663,10 @@ typedef struct oc_part_info {
     float metalness;
     /** Material: roughness, 0 to 1. */
     float roughness;
+    /** OC_PART_ flags, combined with `|`. */
+    oc_part_flags flags;
+    /** Always 0. */
+    uint32_t reserved;
 } oc_part_info;
 
 /** Kind of a camera. */
@@ -810,8 +817,9 @@ typedef struct oc_hit {
     /**
      * Distance from the origin, in units of the direction's length. Miss: infinity.
      *
-     * The interval includes both ends. To find the surface behind a hit, trace the ray again with `t_min` set to the
-     * next larger double after `t`. Exceptions:
+     * The interval includes both ends. oc_scene_crossings finds all surfaces along a ray. (Tracing the ray again from
+     * behind each hit does not: of coincident surfaces it finds one, and at `t` = 0 it may return the same surface for
+     * ever.) Exceptions:
      * - Two surfaces closer to each other than `t - t_free` may be returned in either order.
      * - Within the single-precision rounding error of the origin, a surface behind the origin may be returned at 0,
      *   and one in front of it may be missed.
@@ -876,6 +884,49 @@ typedef struct oc_triangle {
     /** Always 0. */
     uint32_t reserved;
 } oc_triangle;
+
+/** The side of a triangle. */
+typedef uint32_t oc_side;
+
+/** A point where a ray goes through an original triangle. Element of an array. */
+typedef struct oc_crossing {
+    /** Distance from the origin, in units of the direction's length, in double precision. */
+    double t;
+    /** Id of the part, as passed when the model was built. */
+    uint64_t part;
+    /** Id of the instance, as passed to oc_scene_add_instance. */
+    uint64_t instance;
+    /** Index of the triangle in the input of the build, from 0. OC_NO_ID if `kind` is OC_HIT_MISSING. */
+    uint64_t prim;
+    /** Unit geometric normal in world space, on the side of the ray's origin. */
+    float normal[3];
+    /** Barycentric weights of the triangle's second and third corner. */
+    float uv[2];
+    /** An original surface lies within this distance of the point at `t`, in world units. */
+    float error;
+    /** The side on which the ray arrives: one of the OC_SIDE_ constants. */
+    oc_side side;
+    /** OC_HIT_EXACT. With OC_QUERY_NOW also OC_HIT_MISSING: the primitive id is not in memory. */
+    oc_hit_kind kind;
+} oc_crossing;
+
+/** The relation of a part to a point. */
+typedef uint32_t oc_holds;
+
+/** A part at a point. Element of an array. */
+typedef struct oc_part_at {
+    /** Id of the instance, as passed to oc_scene_add_instance. */
+    uint64_t instance;
+    /** Id of the part, as passed when the model was built. */
+    uint64_t part;
+    /**
+     * How many times the surface surrounds the point: 1 in a solid whose triangles face outward, -1 if they face
+     * inward. Without OC_PART_ORIENTED: 1. OC_HOLDS_UNDECIDED: 0.
+     */
+    int32_t winding;
+    /** One of the OC_HOLDS_ constants. */
+    oc_holds holds;
+} oc_part_at;
 
 /** How a part intersects a volume. */
 typedef uint32_t oc_overlap_kind;
@@ -1255,6 +1306,19 @@ typedef struct oc_pixels {
 /** +Z (most CAD). */
 #define OC_UP_Z 3
 
+/**
+ * The part's own triangles form a closed surface: each edge belongs to an even number of them. Rays cross the part an
+ * even number of times. The stored positions decide, and triangles without area count.
+ */
+#define OC_PART_CLOSED 1
+
+/**
+ * The surface is closed, and its triangles face one way: each edge is passed as often in one direction as in the
+ * other. Rays leave the part as often as they enter it. A part that is closed without this flag has triangles that
+ * face the wrong way, or has no inside.
+ */
+#define OC_PART_ORIENTED 2
+
 /** At the eye. No falloff, no shadows. */
 #define OC_LIGHT_HEAD 0
 
@@ -1352,6 +1416,18 @@ typedef struct oc_pixels {
  * needs, and the answers do not depend on the data in memory.
  */
 #define OC_QUERY_NOW 2
+
+/** The side from which the corners appear counter-clockwise. There a ray enters a solid whose triangles face outward. */
+#define OC_SIDE_FRONT 1
+
+/** The other side, where a ray leaves such a solid. */
+#define OC_SIDE_BACK 2
+
+/** The part is closed (OC_PART_CLOSED), and the point is inside. */
+#define OC_HOLDS_INSIDE 1
+
+/** The part is not closed, and the point is within its bounds: nothing says whether it is inside. */
+#define OC_HOLDS_UNDECIDED 2
 
 /** Some of the part is inside the volume or touches it. */
 #define OC_OVERLAP_INTERSECTS 1
@@ -2307,6 +2383,105 @@ oc_status oc_scene_triangles(const struct oc_scene *scene,
                              uint64_t count,
                              uint64_t hit_stride,
                              struct oc_triangle *out_triangles);
+
+/**
+ * Finds all surfaces that rays cross, in order: nearest first, and at equal `t` by part, instance and `prim`.
+ *
+ * Coincident surfaces are all found. An edge or a corner that triangles of a closed surface share counts once, decided
+ * without any tolerance: the ray goes as often into the surface as out of it if it begins and ends outside. At a
+ * silhouette that the ray touches, it crosses the surface twice or not at all. Triangles parallel to the ray are not
+ * crossed.
+ *
+ * - `query`: the rays and options. Initialise it with OC_INIT. `want` has no effect, but must be valid. Hidden parts,
+ *   masks and bad rays are treated as by oc_scene_closest. Footprints are ignored: crossings are those of original
+ *   triangles.
+ * - `out_crossings`: receives the crossings of the first ray, then those of the second, and so on.
+ * - `capacity`: number of elements that `out_crossings` has room for. 0: only `out_ends`, `out_complete` and
+ *   `out_count` are written, `out_crossings` is ignored.
+ * - `out_ends`: receives, for each ray, the number of crossings of all rays up to and including this one. The
+ *   crossings of ray i are those from `out_ends[i - 1]` (0 for the first ray) to `out_ends[i]`, without the last.
+ * - `out_complete`: receives one byte for each ray: 1 if its crossings are all, 0 if data was missing, which happens
+ *   only with OC_QUERY_NOW. May be NULL.
+ * - `out_count`: receives the number of all crossings.
+ *
+ * Errors:
+ * - OC_STATUS_BUFFER_TOO_SMALL: `capacity` is not 0 and below the number of crossings. `out_ends`, `out_complete` and
+ *   `out_count` are written all the same; do not use `out_crossings`.
+ * - OC_STATUS_OVER_BUDGET: the crossings of a single ray take more than a quarter of the context's budget.
+ * - OC_STATUS_IO, OC_STATUS_CORRUPT: a block of the model cannot be read.
+ *
+ * Thread safety: any thread. Frames and other batches may be in flight. Blocks; may read the disk.
+ */
+OC_API
+oc_status oc_scene_crossings(const struct oc_scene *scene,
+                             const struct oc_query *query,
+                             struct oc_crossing *out_crossings,
+                             uint64_t capacity,
+                             uint64_t *out_ends,
+                             uint8_t *out_complete,
+                             uint64_t *out_count);
+
+/**
+ * Finds the visible parts that hold points.
+ *
+ * A ray from the point decides. A part with OC_PART_ORIENTED holds the point if the ray leaves the part more often or
+ * less often than it enters it. A part with OC_PART_CLOSED alone holds the point if the ray crosses it an odd number
+ * of times. A part without these flags is reported as OC_HOLDS_UNDECIDED if the point is within its bounds. A point
+ * nearer to a surface than rounding may be counted on either side. No part holds a point that is not finite.
+ *
+ * - `points`: 3 doubles each, world space.
+ * - `count`: number of points.
+ * - `stride`: bytes from one point to the next. 0: tightly packed.
+ * - `out_parts`: receives the parts of the first point, then those of the second, and so on. The parts of a point are
+ *   ordered by instance (in the order added), then by part (in the model's order).
+ * - `capacity`: number of elements that `out_parts` has room for. 0: only `out_ends` and `out_count` are written,
+ *   `out_parts` is ignored.
+ * - `out_ends`: receives, for each point, the number of parts of all points up to and including this one.
+ * - `out_count`: receives the number of parts of all points.
+ *
+ * Errors:
+ * - OC_STATUS_BUFFER_TOO_SMALL: `capacity` is not 0 and below the number of parts. `out_ends` and `out_count` are
+ *   written all the same; do not use `out_parts`.
+ * - Otherwise as for oc_scene_crossings.
+ *
+ * Thread safety: any thread. Blocks; may read the disk.
+ */
+OC_API
+oc_status oc_scene_parts_at(const struct oc_scene *scene,
+                            const double *points,
+                            uint64_t count,
+                            uint64_t stride,
+                            struct oc_part_at *out_parts,
+                            uint64_t capacity,
+                            uint64_t *out_ends,
+                            uint64_t *out_count);
+
+/**
+ * Measures how thick parts are at hits: the distance from each hit straight into the part, against the normal, to the
+ * opposite side of the same part and instance.
+ *
+ * The opposite side is the first triangle behind the hit that faces the other way than the one that was hit. For a
+ * part that is not closed it may lie beyond a hole.
+ *
+ * - `hits`: hits of oc_scene_closest or of a pick. Their `kind`, `position`, `normal`, `part` and `instance` must be
+ *   set; `prim` and `error` help at edges.
+ * - `count`: number of hits.
+ * - `hit_stride`: bytes from one hit to the next. 0: tightly packed.
+ * - `out_thickness`: receives the distances, in world units: infinity if there is no opposite side, or if the hit is a
+ *   miss. Do not use it if the call fails.
+ * - `stride`: bytes from one distance to the next. 0: tightly packed.
+ *
+ * Errors: as for oc_scene_crossings.
+ *
+ * Thread safety: any thread. Blocks; may read the disk.
+ */
+OC_API
+oc_status oc_scene_thickness(const struct oc_scene *scene,
+                             const struct oc_hit *hits,
+                             uint64_t count,
+                             uint64_t hit_stride,
+                             double *out_thickness,
+                             uint64_t stride);
 
 /**
  * Finds the visible parts that intersect a box. The test is exact: it tests triangles, not bounds.

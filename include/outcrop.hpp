@@ -331,6 +331,37 @@ class scene : public scene_handle {
         check(oc_scene_any(get(), &query, hits.data(), 0));
         return hits;
     }
+    /** All crossings: those of ray i are from ends[i - 1] (0 for the first ray) to ends[i], without the last. */
+    std::vector<oc_crossing> crossings(const std::vector<oc_ray> &rays, std::vector<std::uint64_t> &ends,
+                                       oc_query_flags flags = 0) const {
+        std::uint64_t count = 0;
+        ends.resize(rays.size());
+        const oc_query query = batch(rays, OC_WANT_T, flags);
+        std::vector<oc_crossing> found(rays.size() * 4);
+        oc_status status = oc_scene_crossings(get(), &query, found.data(), found.size(), ends.data(), nullptr, &count);
+        if (status == OC_STATUS_BUFFER_TOO_SMALL) {
+            found.resize(static_cast<std::size_t>(count));
+            status = oc_scene_crossings(get(), &query, found.data(), count, ends.data(), nullptr, &count);
+        }
+        check(status);
+        found.resize(static_cast<std::size_t>(count));
+        return found;
+    }
+    /** The parts of point i are from ends[i - 1] (0 for the first point) to ends[i], without the last. */
+    std::vector<oc_part_at> parts_at(const double (*points)[3], std::size_t count,
+                                     std::vector<std::uint64_t> &ends) const {
+        std::uint64_t found = 0;
+        ends.resize(count);
+        check(oc_scene_parts_at(get(), points ? points[0] : nullptr, count, 0, nullptr, 0, ends.data(), &found));
+        std::vector<oc_part_at> parts(static_cast<std::size_t>(found));
+        check(oc_scene_parts_at(get(), points ? points[0] : nullptr, count, 0, parts.data(), found, ends.data(), &found));
+        return parts;
+    }
+    std::vector<double> thickness(const std::vector<oc_hit> &hits) const {
+        std::vector<double> found(hits.size());
+        check(oc_scene_thickness(get(), hits.data(), hits.size(), 0, found.data(), 0));
+        return found;
+    }
     std::vector<oc_overlap> overlap_box(const double (&low)[3], const double (&high)[3]) const {
         std::uint64_t count = 0;
         check(oc_scene_overlap_box(get(), low, high, nullptr, 0, &count));

@@ -19,6 +19,8 @@ const SOURCES: &[&str] = &[
     "looks.rs",
     "query.rs",
     "geometry.rs",
+    "crossings.rs",
+    "inside.rs",
     "overlap.rs",
     "frame.rs",
     "pixels.rs",

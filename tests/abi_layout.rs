@@ -3,8 +3,10 @@
 use outcrop::capi::build::oc_build_desc;
 use outcrop::capi::contents::{oc_material, oc_part};
 use outcrop::capi::context::{oc_context_desc, oc_executor};
+use outcrop::capi::crossings::oc_crossing;
 use outcrop::capi::frame::{oc_frame_accuracy, oc_frame_desc, oc_frame_settings};
 use outcrop::capi::geometry::oc_triangle;
+use outcrop::capi::inside::oc_part_at;
 use outcrop::capi::job::oc_progress;
 use outcrop::capi::looks::oc_look;
 use outcrop::capi::model::{oc_io, oc_model_info, oc_part_info};
@@ -67,7 +69,8 @@ fn layouts() -> Vec<Layout> {
             has_normals, reserved,
         }
         oc_part_info {
-            struct_size, parent, id, name, triangles, bounds_min, bounds_max, colour, metalness, roughness,
+            struct_size, parent, id, name, triangles, bounds_min, bounds_max, colour, metalness, roughness, flags,
+            reserved,
         }
         oc_look { struct_size, flags, colour }
         oc_light { vector, colour, intensity, kind, shadows }
@@ -76,6 +79,8 @@ fn layouts() -> Vec<Layout> {
         oc_query { struct_size, want, flags, reserved, rays, count, stride }
         oc_hit { t, position, t_free, part, instance, prim, normal, uv, error, kind, shading_normal }
         oc_triangle { corners, part, prim, normals, reserved }
+        oc_crossing { t, part, instance, prim, normal, uv, error, side, kind }
+        oc_part_at { instance, part, winding, holds }
         oc_overlap { instance, part, kind, reserved }
         oc_plane { normal, d }
         oc_target { memory, size, row_pitch, buffer, reserved }

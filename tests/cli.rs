@@ -184,7 +184,7 @@ fn two_files_make_one_model_and_cameras_are_free() {
 #[test]
 fn each_verb_has_help() {
     let dir = tempfile::tempdir().unwrap();
-    for verb in ["generate", "build", "info", "check", "render", "bench"] {
+    for verb in ["generate", "build", "info", "check", "crossings", "render", "bench"] {
         let out = outcrop(dir.path(), &[verb, "--help"]);
         assert!(out.status.success());
         assert!(String::from_utf8(out.stdout).unwrap().contains("--json"), "{verb}");

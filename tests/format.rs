@@ -183,7 +183,7 @@ fn rows_of_tables() {
             ("row of the parent", le!(part.parent.unwrap_or(0xffff_ffff))),
             ("row of the material", le!(part.material)),
             ("bytes of the name", le!(part.name.len() as u32)),
-            ("reserved", vec![0; 4]),
+            ("flags: bit 0 closed", le!(part.flags)),
         ]
     });
     check_section(Kind::Materials, "### Materials", |file, i| {

@@ -1,9 +1,11 @@
 //! How rays are traced: single rays, packets, streams, bundles, intervals and queries, compared with double precision.
 
 mod bundles;
+mod closed_parts;
 mod common;
 mod counters;
 mod coverage;
+mod crossings;
 mod exact;
 mod exact_scene;
 mod far_away;

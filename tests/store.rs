@@ -95,6 +95,7 @@ impl Model {
             material: 1,
             bounds: [0.0, 0.0, 0.0, 1.0, 1.0, 1.0],
             triangles: 10,
+            flags: 0,
         };
         let instance = |x, first_part| InstanceRow {
             tree: 1,
@@ -444,7 +445,7 @@ prop_compose! {
     ) -> Vec<PartRow> {
         rows.into_iter().enumerate().map(|(i, (id, name, parent, bounds))| PartRow {
             // Readers leave out characters NUL.
-            id, name: name.replace('\0', ""), bounds, material: (id % 3) as u32, triangles: id >> 9,
+            id, name: name.replace('\0', ""), bounds, material: (id % 3) as u32, triangles: id >> 9, flags: (id % 4) as u32,
             parent: (i > 0 && id % 2 == 0).then(|| parent.index(i.max(1)) as u32),
         }).collect()
     }

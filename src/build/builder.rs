@@ -1,5 +1,6 @@
 //! The builder, which collects input and then writes the model file.
 
+use super::edges::Edges;
 use super::parts::Assembly;
 use super::report::{BuildReport, PhaseSeconds};
 use super::seal::{self, Asked, Gathered};
@@ -251,8 +252,9 @@ struct Declared {
     do_not_fit: bool,
 }
 
-/// Number of bytes of a part without its name: its row, its counts while a tree is built, and what the allocator adds.
-const PART_BYTES: u64 = (size_of::<PartRow>() * 9 / 8 + 96) as u64;
+/// Number of bytes of a part without its name: its row, its edges, its counts while a tree is built, and what the
+/// allocator adds.
+const PART_BYTES: u64 = (size_of::<PartRow>() * 9 / 8 + 2 * size_of::<Edges>() + 96) as u64;
 
 /// Number of bytes of a shared mesh without triangles: the spool, and the row of its tree.
 const MESH_BYTES: u64 = (size_of::<Spool>() + 3 * size_of::<TreeRow>()) as u64;
@@ -332,7 +334,7 @@ impl Sink for Builder {
         if self.has_room(PART_BYTES + part.name.len() as u64) {
             let (name, parent) = (part.name, part.parent);
             reserve(&mut self.assembly.parts);
-            self.assembly.parts.push(PartRow { id, name, parent, material, bounds, triangles: 0 });
+            self.assembly.parts.push(PartRow { id, name, parent, material, bounds, triangles: 0, flags: 0 });
         }
         Ok(index)
     }

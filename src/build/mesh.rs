@@ -9,8 +9,8 @@ use super::normals::{self, Faces};
 use super::origin::{self, FAR, Placed};
 use super::output::{ClassAside, Output, Span};
 use super::parts::{self, Assembly};
-use super::spool::Spool;
-use super::survey::{self, Batches};
+use super::spool::{Copies, Spool};
+use super::survey::{self, Batches, OfPart};
 use super::values::Has;
 use crate::base::error::Result;
 use crate::base::progress::{Cancel, Phase, Stretch};
@@ -21,7 +21,6 @@ use crate::structure::Par;
 use crate::structure::bake::{BakeOp, Baker, Counts, TreeInput, TreeOptions, with_baker};
 use glam::{DVec3, Vec3};
 use std::borrow::Cow;
-use std::collections::BTreeMap;
 use std::time::Instant;
 
 /// Maximum number of references that splits add, per triangle.
@@ -104,7 +103,8 @@ impl Output<'_> {
         self.cancel.check()?;
         self.judged(&placed.fates.moved(moved), placed.origin, &copies, &mut row);
         self.coarsened(&row, step);
-        let of_parts = parts::count(&placed.triangles, &placed.parts, &self.par, self.cancel)?;
+        let mut of_parts = parts::count(&placed, &self.par, self.cancel)?;
+        placed.flat.iter().for_each(|(part, edges)| OfPart::flat(*edges).add_to(&mut of_parts, *part));
         let of_parts = parts::but(of_parts, &copies);
         let all = (&placed.triangles[..], &placed.parts[..]);
         assembly.tight.search(index, placed.origin, all, &self.par, self.cancel)?;
@@ -252,12 +252,12 @@ impl Output<'_> {
         self.write_blocks((0..coarse).collect(), |i| vec![B::encode_coarse(upper_tree, i, first)], Span(at, at))
     }
 
-    fn judged(&mut self, fates: &origin::Fates, origin: DVec3, copies: &BTreeMap<u32, u64>, row: &mut TreeRow) {
+    fn judged(&mut self, fates: &origin::Fates, origin: DVec3, copies: &Copies, row: &mut TreeRow) {
         self.report.degenerate += fates.degenerate;
         self.report.out_of_range += fates.out_of_range;
         self.report.position_error = self.report.position_error.max(fates.position_error);
         row.origin = origin.to_array();
-        row.triangles = fates.kept.saturating_sub(copies.values().sum());
+        row.triangles = fates.kept.saturating_sub(copies.values().map(|copies| copies.0).sum());
         row.position_error = fates.position_error;
     }
 

@@ -4,7 +4,8 @@
 //!    memory budget are encoded and written to a scratch file;
 //! 2. **place** (`split`, `places`, `owners`, `resolve`, `origin`): each mesh gets an origin, positions become single
 //!    precision relative to it, and triangles without area are counted and dropped. Triangles that would lose their
-//!    shape go to further trees with other origins;
+//!    shape go to further trees with other origins. The sums of edges that are taken here or while distributing tell
+//!    which parts are closed (`edges`);
 //! 3. **distribute** (`survey`, `regions`, `distribute`, `margins`), for meshes that do not fit: triangles are sorted
 //!    into chunks of neighbouring triangles, each of which fits, and each chunk gets the triangles around it;
 //! 4. **build** (`mesh`; `tight` for the bounds of turned placements): normals are made (`normals`), and the
@@ -23,6 +24,7 @@ mod bloom;
 mod builder;
 mod coding;
 mod distribute;
+mod edges;
 mod margins;
 mod mesh;
 mod normals;

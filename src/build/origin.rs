@@ -5,6 +5,7 @@
 //! place.)
 
 use super::batch::{Batch, Extent};
+use super::edges::Edges;
 use super::spool::{Spool, Taken};
 use super::values::{Has, NO_COLOURS, NO_NORMALS, Values};
 use crate::base::error::Result;
@@ -14,6 +15,7 @@ use crate::base::scratch::Scratch;
 use crate::math::DBounds;
 use crate::structure::Par;
 use glam::{DVec3, Vec3};
+use std::collections::BTreeMap;
 
 /// A mesh whose tree can be built.
 pub struct Placed {
@@ -29,7 +31,12 @@ pub struct Placed {
     pub values: Values,
     /// Numbers of kept and dropped triangles of the mesh.
     pub fates: Fates,
+    /// Edges of the dropped triangles without area, by part.
+    pub flat: Flat,
 }
+
+/// Edges of triangles without area, by part.
+pub type Flat = BTreeMap<u32, Edges>;
 
 /// Greatest absolute value of a coordinate relative to the origin: products of two coordinates, and reciprocals, must
 /// stay in the range of single precision.
@@ -110,7 +117,17 @@ pub fn place(spool: Spool, scratch: Option<&Scratch>, par: &Par, cancel: &Cancel
 }
 
 /// Calls `keep` with the index and the stored corners of each triangle that is kept.
-pub fn visit(batch: &Batch, origin: DVec3, mut keep: impl FnMut(usize, [Vec3; 3])) -> Fates {
+pub fn visit(batch: &Batch, origin: DVec3, keep: impl FnMut(usize, [Vec3; 3])) -> Fates {
+    visit_all(batch, origin, keep, |_, _| ())
+}
+
+/// [`visit`]. Also calls `flat` for each triangle that is dropped because it has no area.
+pub fn visit_all(
+    batch: &Batch,
+    origin: DVec3,
+    mut keep: impl FnMut(usize, [Vec3; 3]),
+    mut flat: impl FnMut(usize, [Vec3; 3]),
+) -> Fates {
     let mut fates = Fates::default();
     for i in 0..batch.positions.len() {
         let corners = batch.positions.triangle(i);
@@ -119,6 +136,7 @@ pub fn visit(batch: &Batch, origin: DVec3, mut keep: impl FnMut(usize, [Vec3; 3]
             fates.out_of_range += 1;
         } else if !has_area(&stored) {
             fates.degenerate += 1;
+            flat(i, stored);
         } else {
             fates.kept += 1;
             let errors = corners.iter().zip(&stored).map(|(c, s)| (*c - (origin + s.as_dvec3())).length_squared());
@@ -149,11 +167,16 @@ fn gather(
     // With room for all triangles: mostly all are kept.
     let mut all = Placed::of(counts.iter().sum(), origin, has)?;
     let work: Vec<_> = batches.into_iter().zip(targets(&mut all, &counts)).collect();
-    let fill = |(batch, target): (Taken, Target)| -> Result<Fates> {
+    let fill = |(batch, target): (Taken, Target)| -> Result<(Fates, Flat)> {
         cancel.check()?;
         Ok(fill(&batch.batch(scratch)?, origin, target))
     };
-    let fates = par.map_items(work, fill).into_iter().collect::<Result<Vec<Fates>>>()?;
+    let mut fates = Vec::with_capacity(counts.len());
+    for filled in par.map_items(work, fill) {
+        let (fate, flat) = filled?;
+        fates.push(fate);
+        flat.into_iter().for_each(|(part, edges)| all.flat.entry(part).or_default().add(edges));
+    }
     all.close_gaps(&counts, &fates);
     Ok(all)
 }
@@ -172,6 +195,7 @@ impl Placed {
                 normals: zeroed(if has.normals { count } else { 0 }, what)?,
             },
             fates: Fates::default(),
+            flat: Flat::new(),
         })
     }
 
@@ -224,9 +248,9 @@ fn targets<'a>(all: &'a mut Placed, counts: &[usize]) -> Vec<Target<'a>> {
 }
 
 /// Writes the kept triangles of a batch to the front of `to`.
-fn fill(batch: &Batch, origin: DVec3, to: Target) -> Fates {
-    let mut at = 0;
-    visit(batch, origin, |i, stored| {
+fn fill(batch: &Batch, origin: DVec3, to: Target) -> (Fates, Flat) {
+    let (mut at, mut flat) = (0, Flat::new());
+    let keep = |i: usize, stored| {
         to.triangles[at] = stored;
         to.parts[at] = batch.parts[i];
         to.prims[at] = batch.prims[i];
@@ -237,7 +261,11 @@ fn fill(batch: &Batch, origin: DVec3, to: Target) -> Fates {
             to.normals[at] = batch.values.normals.get(i).copied().unwrap_or(NO_NORMALS);
         }
         at += 1;
-    })
+    };
+    let fates = visit_all(batch, origin, keep, |i, stored: [Vec3; 3]| {
+        flat.entry(batch.parts[i]).or_default().add(Edges::of(origin, stored.map(Vec3::as_dvec3)));
+    });
+    (fates, flat)
 }
 
 /// True if the stored corners are not on one line.

@@ -1,5 +1,8 @@
 //! Bounds and counts of parts, mesh by mesh.
 
+use super::edges::Edges;
+use super::origin::Placed;
+use super::spool::Copies;
 use super::survey::OfPart;
 use super::tight::Tight;
 use crate::base::error::Result;
@@ -15,6 +18,8 @@ use std::collections::BTreeMap;
 #[derive(Default)]
 pub struct Assembly {
     pub parts: Vec<PartRow>,
+    /// Edges of each part.
+    pub edges: Vec<Edges>,
     pub materials: Vec<MaterialRow>,
     pub instances: Vec<InstanceRow>,
     /// The instances of each tree.
@@ -28,14 +33,15 @@ pub struct Assembly {
 const CHUNK: usize = 1 << 16;
 const TOGETHER: usize = 16;
 
-/// Returns bounds and count of each part that has triangles.
-pub fn count(triangles: &[[Vec3; 3]], parts: &[u32], par: &Par, cancel: &Cancel) -> Result<BTreeMap<u32, OfPart>> {
+/// Returns bounds, count and edges of each part that has triangles.
+pub fn count(placed: &Placed, par: &Par, cancel: &Cancel) -> Result<BTreeMap<u32, OfPart>> {
+    let Placed { origin, triangles, parts, .. } = placed;
     let mut all: BTreeMap<u32, OfPart> = BTreeMap::new();
     for (triangles, parts) in triangles.chunks(CHUNK * TOGETHER).zip(parts.chunks(CHUNK * TOGETHER)) {
         let chunks: Vec<_> = triangles.chunks(CHUNK).zip(parts.chunks(CHUNK)).collect();
         let counted = par.map_items(chunks, |(triangles, parts)| -> Result<_> {
             cancel.check()?;
-            Ok(count_chunk(triangles, parts))
+            Ok(count_chunk(*origin, triangles, parts))
         });
         for counted in counted {
             cancel.check()?;
@@ -45,24 +51,28 @@ pub fn count(triangles: &[[Vec3; 3]], parts: &[u32], par: &Par, cancel: &Cancel)
     Ok(all)
 }
 
-/// Returns the counts without those of triangles that are `copies`, whose numbers are given for each part.
-pub fn but(mut of_parts: BTreeMap<u32, OfPart>, copies: &BTreeMap<u32, u64>) -> BTreeMap<u32, OfPart> {
-    for (part, count) in copies {
+/// Returns the counts without those of triangles that are `copies`.
+pub fn but(mut of_parts: BTreeMap<u32, OfPart>, copies: &Copies) -> BTreeMap<u32, OfPart> {
+    for (part, (count, edges)) in copies {
         if let Some(of) = of_parts.get_mut(part) {
             of.count = of.count.saturating_sub(*count);
+            of.edges.remove(*edges);
         }
     }
     of_parts
 }
 
-fn count_chunk(triangles: &[[Vec3; 3]], parts: &[u32]) -> BTreeMap<u32, OfPart> {
+fn count_chunk(origin: DVec3, triangles: &[[Vec3; 3]], parts: &[u32]) -> BTreeMap<u32, OfPart> {
     let mut all: BTreeMap<u32, OfPart> = BTreeMap::new();
     let mut at = 0;
     // Neighbouring triangles mostly belong to one part.
     for run in parts.chunk_by(|a, b| a == b) {
-        let corners = triangles[at..at + run.len()].iter().flatten();
-        let bounds = corners.fold(Bounds::EMPTY, |b, &p| b.with(p));
-        OfPart { bounds, count: run.len() as u64 }.add_to(&mut all, run[0]);
+        let (mut bounds, mut edges) = (Bounds::EMPTY, Edges::NONE);
+        for corners in &triangles[at..at + run.len()] {
+            bounds = corners.iter().fold(bounds, |b, &p| b.with(p));
+            edges.add(Edges::of(origin, corners.map(Vec3::as_dvec3)));
+        }
+        OfPart { bounds, count: run.len() as u64, edges }.add_to(&mut all, run[0]);
         at += run.len();
     }
     all
@@ -72,12 +82,16 @@ impl Assembly {
     /// Adds the triangles of a mesh, whose bounds are relative to `origin`. Those of tree 0 are added by part, those of
     /// other trees by local part, for each instance.
     pub fn add(&mut self, tree: usize, origin: DVec3, of_parts: &BTreeMap<u32, OfPart>, cancel: &Cancel) -> Result<()> {
-        let Self { parts, instances, placings, tight, .. } = self;
+        let Self { parts, edges, instances, placings, tight, .. } = self;
         let mut add = |first: u32, world_from_mesh: &DAffine3| {
             let tight = tight.placed(tree, world_from_mesh);
             for (&part, of) in of_parts {
                 cancel.check()?;
                 let row = &mut parts[first as usize + part as usize];
+                edges[first as usize + part as usize].add(of.edges.placed(world_from_mesh));
+                if of.bounds.is_empty() {
+                    continue;
+                }
                 let local = DBounds { min: of.bounds.min.as_dvec3() + origin, max: of.bounds.max.as_dvec3() + origin };
                 row.bounds = flat(&unflat(&row.bounds).union(tight(part, local.transformed(world_from_mesh))));
                 row.triangles += of.count;
@@ -93,6 +107,13 @@ impl Assembly {
 }
 
 impl Assembly {
+    /// Sets the flags of the parts once all meshes are added.
+    pub fn flag_closed(&mut self) {
+        for (row, edges) in self.parts.iter_mut().zip(&self.edges) {
+            row.flags = if row.triangles > 0 { edges.flags() } else { 0 };
+        }
+    }
+
     /// Returns the linear colours of a mesh's local parts, as of its first instance.
     pub fn colours(&self, tree: usize, local_parts: u32) -> Vec<Vec3> {
         let placing = self.placings.get(tree).first().map(|&i| &self.instances[i as usize]);
@@ -127,11 +148,21 @@ mod tests {
         // Runs of triangles of one part, and single triangles of different parts.
         let parts: Vec<u32> =
             (0..count).map(|i| if i % 5000 < 4000 { (i / 5000) as u32 } else { i as u32 % 7 }).collect();
-        let expected = count_chunk(&triangles, &parts);
+        let origin = DVec3::new(7.0, 0.5, 0.0);
+        let expected = count_chunk(origin, &triangles, &parts);
+        let placed = Placed {
+            origin,
+            triangles,
+            parts,
+            prims: Vec::new(),
+            colours: Vec::new(),
+            fates: Default::default(),
+            flat: Default::default(),
+        };
         for threads in [1, 2] {
-            let found = super::count(&triangles, &parts, &Par { threads }, &Cancel::new()).unwrap();
+            let found = super::count(&placed, &Par { threads }, &Cancel::new()).unwrap();
             assert!(found.keys().eq(expected.keys()));
-            assert!(found.values().zip(expected.values()).all(|(a, b)| (a.bounds, a.count) == (b.bounds, b.count)));
+            assert!(found.values().zip(expected.values()).all(|(a, b)| a == b));
         }
     }
 }

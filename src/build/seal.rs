@@ -1,6 +1,7 @@
 //! The passes from the collected meshes to a sealed file.
 
 use super::BuildOptions;
+use super::edges::Edges;
 use super::mesh::Mesh;
 use super::output::{Output, Span};
 use super::part_sets::TreeParts;
@@ -14,6 +15,7 @@ use super::values::Has;
 use crate::base::error::Result;
 use crate::base::groups::Groups;
 use crate::base::inputs::Inputs;
+use crate::base::memory::room;
 use crate::base::progress::{Cancel, Phase, Progress, Stretch};
 use crate::base::quota::Quota;
 use crate::base::scratch::{Scratch, ScratchSpace};
@@ -83,6 +85,8 @@ pub fn run(mut gathered: Gathered, asked: &Asked, threads: usize) -> Result<Buil
         }
     }
     meshes[0].local_parts = gathered.assembly.parts.len() as u32;
+    gathered.assembly.edges = room(gathered.assembly.parts.len(), "the edges of parts")?;
+    gathered.assembly.edges.resize(gathered.assembly.parts.len(), Edges::NONE);
     let triangles: u64 = meshes.iter().map(|m| m.triangles).sum();
     let placed = Span(*done, TREES_DONE).part(0.0, PLACED).1;
     let stretch = Stretch::new(progress, cancel, (*done, placed)).part(0.0, 1.0, triangles * split::PASSES);
@@ -132,6 +136,7 @@ pub fn run(mut gathered: Gathered, asked: &Asked, threads: usize) -> Result<Buil
         output.end_tree_parts()?;
         progress.advance(span.1);
     }
+    gathered.assembly.flag_closed();
     seal(output, &gathered, &rows, options, begun)
 }
 

@@ -6,6 +6,7 @@
 //! (`owners`). Single small triangles among larger ones stay.
 
 use super::batch::Batch;
+use super::edges::Edges;
 use super::origin;
 use super::owners::{self, Mark, Owners, Pairs};
 use super::parts::Assembly;
@@ -100,8 +101,8 @@ struct Route {
     index: u32,
     tree: u32,
     corners: [DVec3; 3],
-    /// True if another tree counts it.
-    is_copy: bool,
+    /// Set if another tree counts it: the edges, if both trees have it in the same place.
+    copy: Option<Edges>,
     /// Greatest distance between a corner of the input and the stored corner, if any was moved before it was rounded.
     moved: f64,
 }
@@ -356,7 +357,7 @@ impl Splitter<'_> {
                 let origin = owners.origin(tree);
                 is_resolved |= resolve::is_resolved(&t, origin);
                 let moved = if corners == t { 0.0 } else { moved(&t, &corners, origin) };
-                let route = Route { index: index as u32, tree: tree as u32, corners, is_copy: false, moved };
+                let route = Route { index: index as u32, tree: tree as u32, corners, copy: None, moved };
                 found.routes.push(route);
             });
             found.unresolved += u64::from(!is_resolved);
@@ -380,8 +381,10 @@ impl Splitter<'_> {
                 let tree = &mut trees[route.tree as usize];
                 tree.push(&route.corners, part, prim, value)?;
                 tree.moved = tree.moved.max(route.moved);
-                if route.is_copy {
-                    *tree.copies.entry(part).or_default() += 1;
+                if let Some(copy) = route.copy {
+                    let copies = tree.copies.entry(part).or_default();
+                    copies.0 += 1;
+                    copies.1.add(copy);
                 }
                 stays = false;
             }
@@ -422,7 +425,12 @@ fn settle(routes: &mut Vec<Route>, from: usize, input: &[DVec3; 3], owners: &Own
     let mut index = 0..;
     kept.retain(|_| index.next().is_some_and(|i: usize| i == first || areas[i]));
     routes.append(&mut kept);
-    routes.iter_mut().skip(from + 1).for_each(|route| route.is_copy = true);
+    let stored = |route: &Route| route.corners.map(|c| owners::stored(c, owners.origin(route.tree as usize)));
+    let first = stored(&routes[from]);
+    for route in routes.iter_mut().skip(from + 1) {
+        let corners = stored(route);
+        route.copy = Some(if corners == first { Edges::of(DVec3::ZERO, corners) } else { Edges::NONE });
+    }
 }
 
 /// Adds instances for the triangles of `mesh` that are in a `tree` of their own.

@@ -2,6 +2,7 @@
 //! memory up to a limit over all meshes, and go encoded to a scratch file beyond it.
 
 use super::batch::{self, BATCH, Batch, Extent, Positions};
+use super::edges::Edges;
 use super::origin;
 use super::values::{Has, Value};
 use crate::base::error::{Error, Result};
@@ -11,6 +12,10 @@ use crate::structure::Par;
 use glam::DVec3;
 use std::borrow::Cow;
 use std::collections::BTreeMap;
+
+/// Triangles that another tree counts, by part: their number, and the edges of those that both trees have in the same
+/// place. (The edges of the others count twice: then the part is not closed.)
+pub type Copies = BTreeMap<u32, (u64, Edges)>;
 
 /// A mesh that is being read.
 pub struct Spool {
@@ -32,8 +37,8 @@ pub struct Spool {
     pub is_single: bool,
     /// Number of triangles.
     pub triangles: u64,
-    /// Numbers of the triangles of each part that another tree has too (`split`), and counts.
-    pub copies: BTreeMap<u32, u64>,
+    /// The triangles of each part that another tree has too (`split`), and counts.
+    pub copies: Copies,
     /// The step of the input's decimal positions, if it has few digits (`split`).
     pub step: Option<f64>,
     /// Greatest distance between a corner of the input and the stored corner, of those that `split` moved.
@@ -53,7 +58,7 @@ impl Spool {
             has: Has::default(),
             is_single: true,
             triangles: 0,
-            copies: BTreeMap::new(),
+            copies: Copies::new(),
             step: None,
             moved: 0.0,
         }

@@ -2,6 +2,7 @@
 //! and a histogram over a grid.
 
 use super::batch::Batch;
+use super::edges::Edges;
 use super::origin::{self, Fates};
 use crate::base::error::Result;
 use crate::base::memory;
@@ -73,21 +74,32 @@ pub fn middle([a, b, c]: &[Vec3; 3]) -> Vec3 {
     a.min(*b).min(*c) * 0.5 + a.max(*b).max(*c) * 0.5
 }
 
-/// Bounds and number of the triangles of one part.
-#[derive(Debug, Clone, Copy)]
+/// Bounds, number and edges of the triangles of one part.
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OfPart {
     /// Bounds relative to the origin.
     pub bounds: Bounds,
     /// Number of triangles.
     pub count: u64,
+    /// Edges, also of dropped triangles without area.
+    pub edges: Edges,
 }
 
 impl OfPart {
+    /// No triangles.
+    pub const NONE: Self = Self { bounds: Bounds::EMPTY, count: 0, edges: Edges::NONE };
+
+    /// Dropped triangles without area, of which only the edges count.
+    pub fn flat(edges: Edges) -> Self {
+        Self { edges, ..Self::NONE }
+    }
+
     /// Adds this to the entry of `part` in `all`.
     pub fn add_to(self, all: &mut BTreeMap<u32, OfPart>, part: u32) {
-        let sum = all.entry(part).or_insert(OfPart { bounds: Bounds::EMPTY, count: 0 });
+        let sum = all.entry(part).or_insert(OfPart::NONE);
         sum.bounds = sum.bounds.union(self.bounds);
         sum.count += self.count;
+        sum.edges.add(self.edges);
     }
 }
 
@@ -142,21 +154,28 @@ pub fn survey(source: &dyn Batches, par: &Par, cancel: &Cancel, mut seen: impl F
 
 fn look(batch: &Batch, origin: DVec3, grid: &Grid, step: usize) -> Found {
     let (mut parts, mut cells, mut samples): (Vec<(u32, OfPart)>, _, _) = (Vec::new(), Vec::new(), Vec::new());
-    let fates = origin::visit(batch, origin, |i, triangle| {
+    let mut flat = origin::Flat::new();
+    let keep = |i: usize, triangle: [Vec3; 3]| {
         let part = batch.parts[i];
         let here = Bounds::of(&triangle);
+        let edges = Edges::of(origin, triangle.map(Vec3::as_dvec3));
         match parts.last_mut() {
             Some((last, of)) if *last == part => {
                 of.bounds = of.bounds.union(here);
                 of.count += 1;
+                of.edges.add(edges);
             }
-            _ => parts.push((part, OfPart { bounds: here, count: 1 })),
+            _ => parts.push((part, OfPart { bounds: here, count: 1, edges })),
         }
         cells.push(index(grid.cell(middle(&triangle))) as u32);
         if (batch.prims[i] as usize).is_multiple_of(step) {
             samples.push(triangle);
         }
+    };
+    let fates = origin::visit_all(batch, origin, keep, |i, triangle| {
+        flat.entry(batch.parts[i]).or_default().add(Edges::of(origin, triangle.map(Vec3::as_dvec3)));
     });
+    parts.extend(flat.into_iter().map(|(part, edges)| (part, OfPart::flat(edges))));
     Found { fates, parts, cells, samples }
 }
 

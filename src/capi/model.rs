@@ -10,7 +10,7 @@ use super::view::oc_camera;
 use crate::base::error::Result;
 use crate::base::inside_read::reading;
 use crate::base::progress::{Cancel, Progress};
-use crate::scene::Model;
+use crate::scene::{Model, PartInfo};
 use crate::store::{FileSource, Source};
 use std::ffi::{CStr, c_char, c_void};
 use std::io;
@@ -344,6 +344,21 @@ pub unsafe extern "C" fn oc_model_get_info(model: *const oc_model, out_info: *mu
 /// Index of the parent of a part that has none.
 pub const OC_NO_INDEX: u32 = 0xFFFFFFFF;
 
+/// Flags of a part.
+pub type oc_part_flags = u32;
+/// The part's own triangles form a closed surface: each edge belongs to an even number of them. Rays cross the part an
+/// even number of times. The stored positions decide, and triangles without area count.
+pub const OC_PART_CLOSED: oc_part_flags = 1;
+/// The surface is closed, and its triangles face one way: each edge is passed as often in one direction as in the
+/// other. Rays leave the part as often as they enter it. A part that is closed without this flag has triangles that
+/// face the wrong way, or has no inside.
+pub const OC_PART_ORIENTED: oc_part_flags = 2;
+
+fn part_flags(part: &PartInfo) -> oc_part_flags {
+    let closed = if part.is_closed { OC_PART_CLOSED } else { 0 };
+    if part.is_oriented { closed | OC_PART_ORIENTED } else { closed }
+}
+
 /// Properties of a part of a model.
 #[repr(C)]
 #[derive(Clone, Copy)]
@@ -368,11 +383,16 @@ pub struct oc_part_info {
     pub metalness: f32,
     /// Material: roughness, 0 to 1.
     pub roughness: f32,
+    /// OC_PART_ flags, combined with `|`.
+    pub flags: oc_part_flags,
+    /// Always 0.
+    pub reserved: u32,
 }
 
 // SAFETY: `repr(C)`, numbers and a pointer without padding, `struct_size` first.
 unsafe impl Sized32 for oc_part_info {
     const NAME: &'static str = "oc_part_info";
+    const FIRST_SIZE: usize = std::mem::offset_of!(oc_part_info, flags);
 }
 
 /// Returns the properties of a part.
@@ -412,6 +432,8 @@ pub unsafe extern "C" fn oc_model_get_part(
                 colour: part.colour,
                 metalness: part.metalness,
                 roughness: part.roughness,
+                flags: part_flags(&part),
+                reserved: 0,
             });
             Ok(())
         })

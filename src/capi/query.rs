@@ -80,8 +80,9 @@ pub(super) fn check_id(id: u64) -> Checked<()> {
 pub struct oc_hit {
     /// Distance from the origin, in units of the direction's length. Miss: infinity.
     ///
-    /// The interval includes both ends. To find the surface behind a hit, trace the ray again with `t_min` set to the
-    /// next larger double after `t`. Exceptions:
+    /// The interval includes both ends. oc_scene_crossings finds all surfaces along a ray. (Tracing the ray again from
+    /// behind each hit does not: of coincident surfaces it finds one, and at `t` = 0 it may return the same surface for
+    /// ever.) Exceptions:
     /// - Two surfaces closer to each other than `t - t_free` may be returned in either order.
     /// - Within the single-precision rounding error of the origin, a surface behind the origin may be returned at 0,
     ///   and one in front of it may be missed.
@@ -184,7 +185,7 @@ unsafe impl Sized32 for oc_query {
 }
 
 impl oc_query {
-    fn options(&self) -> Checked<QueryOptions> {
+    pub(super) fn options(&self) -> Checked<QueryOptions> {
         reserved(self.reserved, "oc_query.reserved")?;
         if self.want & !(OC_WANT_ALL | OC_WANT_SHADING_NORMAL) != 0 {
             return bad(format!("oc_query.want {:#x}: unknown flags", self.want));
@@ -200,7 +201,7 @@ impl oc_query {
 }
 
 /// The caller's rays.
-struct CRays {
+pub(super) struct CRays {
     rays: Strided<oc_ray>,
     /// The hits are not written between the rays, so that references to rays are allowed.
     may_lend: bool,
@@ -208,7 +209,7 @@ struct CRays {
 
 impl CRays {
     /// The rays of a batch whose answers go to `answers`.
-    fn new<T: Copy>(query: &oc_query, answers: &Strided<T>) -> Checked<Self> {
+    pub(super) fn new<T: Copy>(query: &oc_query, answers: &Strided<T>) -> Checked<Self> {
         let rays = Strided::new(query.rays, query.count, query.stride, "oc_query.rays")?;
         Ok(Self { rays, may_lend: !rays.meets(answers) })
     }
@@ -249,6 +250,7 @@ macro_rules! same_places {
         $(const _: () = assert!(std::mem::offset_of!($c, $theirs) == std::mem::offset_of!($rust, $ours));)+
     };
 }
+pub(super) use same_places;
 same_places!(oc_ray, Ray: origin is origin, t_min is t_min, t_max is t_max, direction is dir, cone_a is cone, mask is mask);
 same_places!(oc_hit, Hit: t is t, position is position, t_free is t_free, part is part, instance is instance,
     prim is prim, normal is normal, uv is uv, error is error, kind is kind, shading_normal is shading_normal);

@@ -1,4 +1,5 @@
-//! Queries to a scene: closest and any hits of rays in batches, and overlaps of boxes and frusta with parts.
+//! Queries to a scene: closest and any hits of rays in batches, all crossings of rays, and overlaps of boxes and frusta
+//! with parts.
 #![forbid(unsafe_code)]
 
 mod single;
@@ -8,8 +9,10 @@ mod asks;
 pub mod batch;
 mod beyond;
 mod chunk;
+pub mod crossings;
 pub mod geometry;
 pub mod hit;
+pub mod inside;
 pub(crate) mod needs;
 pub mod overlap;
 mod parked;
@@ -17,8 +20,11 @@ mod rounds;
 mod sweep;
 mod volume;
 
+pub use crate::geom::Side;
 pub(crate) use answers::stand_in;
 pub use batch::{AHEAD, Hits, PACKET, Policy, Query, QueryOptions, QueryState, QueryStatus, Rays};
+pub use crossings::Crossing;
 pub use geometry::{PartReader, StoredTriangle};
 pub use hit::{Hit, HitKind, NONE, Want};
+pub use inside::{Holds, PartAt};
 pub use overlap::{How, PartOverlap, Plane};

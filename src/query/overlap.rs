@@ -1,6 +1,7 @@
 //! Parts that intersect a box or a frustum, decided exactly by their triangles.
 
-use super::sweep::{Search, sweep};
+use super::batch::Policy;
+use super::sweep::sweep;
 use super::volume::{Side, Volume};
 use crate::base::error::{Error, Result};
 use crate::math::DBounds;
@@ -73,9 +74,12 @@ impl SceneState {
         let near = |p: &Placed| self.instances[p.instance as usize].look.visible && volume.may_meet(&p.bounds);
         let mut trees = (0..placed.len() as u32).filter(|&i| near(&placed[i as usize]));
         let mut met: BTreeMap<(u32, u32), bool> = BTreeMap::new();
-        let search: Search<BTreeMap<u32, bool>> = &|view, tree, left, met| meet(view, tree, volume, left, met);
         while let Some(some) = next_trees(&mut trees) {
-            for (tree, parts) in some.iter().zip(sweep(self, &some, search)?) {
+            let found = sweep(self, &some, Policy::Exact, &|view, visit, left, met: &mut BTreeMap<u32, bool>| {
+                meet(view, some[visit], volume, left, met);
+                Vec::new()
+            })?;
+            for (tree, parts) in some.iter().zip(found) {
                 for (part, inside) in parts {
                     *met.entry((placed[*tree as usize].instance, part)).or_insert(true) &= inside;
                 }
@@ -111,12 +115,13 @@ impl SceneState {
         let placed = &self.placement.placed;
         let concerned = |p: &Placed| doubtful.get(&p.instance).is_some_and(|d| d.1.overlaps(&p.bounds));
         let mut trees = (0..placed.len() as u32).filter(|&i| concerned(&placed[i as usize]));
-        let search: Search<BTreeSet<u32>> = &|view, tree, left, refuted| {
-            let (parts, bounds) = &doubtful[&placed[tree as usize].instance];
-            outside(view, tree, volume, (parts, bounds), left, refuted);
-        };
         while let Some(some) = next_trees(&mut trees) {
-            for (tree, refuted) in some.iter().zip(sweep(self, &some, search)?) {
+            let found = sweep(self, &some, Policy::Exact, &|view, visit, left, refuted: &mut BTreeSet<u32>| {
+                let (parts, bounds) = &doubtful[&placed[some[visit] as usize].instance];
+                outside(view, some[visit], volume, (parts, bounds), left, refuted);
+                Vec::new()
+            })?;
+            for (tree, refuted) in some.iter().zip(found) {
                 for part in refuted {
                     met.insert((placed[*tree as usize].instance, part), false);
                 }

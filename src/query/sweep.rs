@@ -1,24 +1,33 @@
 //! Sweeps over placed trees in parallel, in [rounds](super::rounds): a visit to a tree goes on when blocks that it
 //! lacked have come.
 
+use super::batch::Policy;
 use super::needs::one_at_least;
 use super::rounds::{Quest, Rounds, WaitList};
 use crate::base::error::Result;
+use crate::base::ids::BlockId;
 use crate::scene::SceneState;
 use crate::scene::walk::{Need, SceneView, Snapshots};
 use crate::structure::Descent;
 use std::collections::BTreeSet;
 use std::sync::{Mutex, PoisonError};
 
-/// Takes the visit of a placed tree as far as the blocks in memory allow, and adds its results.
-pub(super) type Search<'a, T> = &'a (dyn Fn(&SceneView, u32, &mut Descent, &mut T) + Sync);
+/// Takes a visit as far as the blocks in memory allow, and adds its results. The second argument is the index of the
+/// visit. Returns the blocks that the results lack in addition to the rest of the descent.
+pub(super) type Search<'a, T> = &'a (dyn Fn(&SceneView, usize, &mut Descent, &mut T) -> Vec<BlockId> + Sync);
 
-/// Returns the results of `search` for each of the placed trees. The order of visits depends on the blocks in memory,
-/// so the results must not depend on the order.
-pub(super) fn sweep<T: Send + Default>(scene: &SceneState, trees: &[u32], search: Search<T>) -> Result<Vec<T>> {
+/// Returns the results of `search` for a visit to each of the placed trees, which may occur several times. The order
+/// of visits depends on the blocks in memory, so the results must not depend on the order. With [`Policy::Now`] no
+/// visit waits for blocks: each ends after its first search.
+pub(super) fn sweep<T: Send + Default>(
+    scene: &SceneState,
+    trees: &[u32],
+    policy: Policy,
+    search: Search<T>,
+) -> Result<Vec<T>> {
     let found = trees.iter().map(|_| Mutex::default()).collect();
     let stamp = scene.context().residency().stamp();
-    let rounds = Rounds::new(Sweep { scene, trees, search, stamp, found });
+    let rounds = Rounds::new(Sweep { scene, trees, policy, search, stamp, found });
     scene.context().pool().run_scoped(trees.len(), &rounds).into_result()?;
     let found = rounds.quest.found.into_iter();
     Ok(found.map(|found| found.into_inner().unwrap_or_else(PoisonError::into_inner)).collect())
@@ -28,6 +37,7 @@ pub(super) fn sweep<T: Send + Default>(scene: &SceneState, trees: &[u32], search
 struct Sweep<'a, T> {
     scene: &'a SceneState,
     trees: &'a [u32],
+    policy: Policy,
     search: Search<'a, T>,
     stamp: u32,
     /// The results of each tree whose visit has ended.
@@ -40,13 +50,15 @@ struct Visit<T> {
     index: usize,
     model: u32,
     left: Descent,
+    /// Blocks that the results so far lack.
+    lacking: Vec<BlockId>,
     found: T,
 }
 
 impl<T> Visit<T> {
     /// The blocks that the visit lacks; the same block may come several times.
     fn needs(&self) -> impl Iterator<Item = Need> {
-        self.left.missing().map(|block| Need { model: self.model, block })
+        self.left.missing().chain(self.lacking.iter().copied()).map(|block| Need { model: self.model, block })
     }
 }
 
@@ -67,13 +79,14 @@ impl<T: Send + Default> Quest for Sweep<'_, T> {
         let tree = self.trees[index];
         let left = Descent::new(&SceneView::new(self.scene, snapshots, self.stamp).tree(tree));
         let model = self.scene.placement.placed[tree as usize].model;
-        self.resume(Visit { index, model, left, found: T::default() }, snapshots).into_iter().collect()
+        let visit = Visit { index, model, left, lacking: Vec::new(), found: T::default() };
+        self.resume(visit, snapshots).into_iter().collect()
     }
 
     fn resume(&self, mut visit: Visit<T>, snapshots: &Snapshots) -> Option<Visit<T>> {
         let view = SceneView::new(self.scene, snapshots, self.stamp);
-        (self.search)(&view, self.trees[visit.index], &mut visit.left, &mut visit.found);
-        if visit.needs().next().is_some() {
+        visit.lacking = (self.search)(&view, visit.index, &mut visit.left, &mut visit.found);
+        if self.policy == Policy::Exact && visit.needs().next().is_some() {
             return Some(visit);
         }
         *self.found[visit.index].lock().unwrap_or_else(PoisonError::into_inner) = visit.found;
@@ -95,7 +108,7 @@ impl<T: Send> WaitList for Visits<T> {
     type Parked = Visit<T>;
 
     fn bytes(visit: &Visit<T>) -> u64 {
-        size_of::<Visit<T>>() as u64 + visit.left.bytes()
+        (size_of::<Visit<T>>() + visit.lacking.capacity() * size_of::<BlockId>()) as u64 + visit.left.bytes()
     }
 
     fn piece(visit: &Visit<T>) -> &Visit<T> {

@@ -13,6 +13,7 @@ pub mod model;
 mod part_check;
 pub(crate) mod placed;
 pub mod state;
+pub(crate) mod through;
 pub mod top;
 pub(crate) mod group;
 pub(crate) mod packet;

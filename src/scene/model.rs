@@ -13,7 +13,7 @@ use crate::math::DBounds;
 use crate::residency::{Kept, ModelBlocks, Needs, Snapshot};
 use crate::store::contents::Kind;
 use crate::store::directory::Row;
-use crate::store::{FileSource, Header, InstanceRow, ModelFile, Outline, Part, PartSets, Source, TreeRow};
+use crate::store::{FileSource, Header, InstanceRow, ModelFile, Outline, Part, PartRow, PartSets, Source, TreeRow};
 use crate::structure::open::{self, Opened, StoredTree};
 use crate::structure::{Tree, Visit};
 use glam::{DAffine3, DMat3, DVec3};
@@ -40,6 +40,11 @@ pub struct PartInfo<'a> {
     pub bounds: DBounds,
     /// Number of its own triangles, without those of the parts below it.
     pub triangles: u64,
+    /// True if its own triangles have no border: each edge belongs to an even number of them.
+    pub is_closed: bool,
+    /// True if it is closed and its triangles face one way: each edge is passed as often in one direction as in the
+    /// other.
+    pub is_oriented: bool,
 }
 
 /// The parts of a model.
@@ -350,6 +355,11 @@ impl Model {
         Ok(Arc::clone(held().get_or_insert(sets)))
     }
 
+    /// Number of parts that a tree may have triangles of.
+    pub(crate) fn local_parts(&self, tree: u32) -> u32 {
+        self.0.blocks.file().trees()[tree as usize].local_parts
+    }
+
     pub(crate) fn trees(&self) -> &[StoredTree] {
         &self.0.trees
     }
@@ -433,6 +443,8 @@ fn part_info<'a>(part: Part<'a>, file: &ModelFile) -> PartInfo<'a> {
         roughness: material.roughness,
         bounds: bounds_of(part.bounds),
         triangles: part.triangles,
+        is_closed: part.flags & PartRow::CLOSED != 0,
+        is_oriented: part.flags & PartRow::ORIENTED != 0,
     }
 }
 

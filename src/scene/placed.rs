@@ -21,6 +21,8 @@ pub(crate) struct Placed {
     linear: DMat3,
     inverse: DMat3,
     offset: DVec3,
+    /// Position of the origin of the mesh, which its trees share.
+    mesh_origin: DVec3,
     /// True if `linear` is the identity.
     unturned: bool,
     /// Greatest magnitude of a coordinate in the tree's frame. Comments call it the tree's reach.
@@ -159,6 +161,7 @@ impl Placed {
             linear,
             inverse,
             offset,
+            mesh_origin: world_from_mesh.translation,
             unturned,
             max_coord: f64::from(tree.max_coord),
             local_bounds: tree.bounds,
@@ -200,6 +203,19 @@ impl Placed {
     #[inline]
     pub fn local_vector(&self, v: DVec3) -> DVec3 {
         if self.unturned { v } else { self.inverse * v }
+    }
+
+    /// Origin and direction of a ray in the frame of the mesh: the same for all trees of a mesh that was divided.
+    pub fn in_mesh(&self, ray: &Ray) -> (DVec3, DVec3) {
+        let (origin, dir) = (ray.origin - self.mesh_origin, ray.dir.as_dvec3());
+        if self.unturned { (origin, dir) } else { (self.inverse * origin, self.inverse * dir) }
+    }
+
+    /// True if both are trees of one mesh, which was divided, in one place.
+    pub fn is_beside(&self, other: &Self) -> bool {
+        let ids = |p: &Self| (p.instance, p.first_part);
+        let is_one_place = self.mesh_origin == other.mesh_origin && self.linear == other.linear;
+        self.tree != other.tree && ids(self) == ids(other) && is_one_place
     }
 
     /// The position of the tree's origin, if its frame is only translated.

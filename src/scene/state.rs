@@ -97,6 +97,16 @@ impl SceneState {
         self.instances[instance].parts.trees.get((placed - self.placement.firsts[instance]) as usize)
     }
 
+    /// The mask of the rays that see the placed tree.
+    #[inline]
+    pub(super) fn seen_by(&self, placed: u32) -> u32 {
+        let p = &self.placement.placed[placed as usize];
+        let instance = &self.instances[p.instance as usize];
+        // A tree of hidden parts alone is not entered.
+        let is_hidden = self.shown_blocks(placed).is_some_and(|shown| shown.lacks(shown.first_block));
+        if instance.look.visible && !is_hidden { instance.mask } else { 0 }
+    }
+
     /// Bytes of its models' blocks in memory.
     pub(crate) fn resident_bytes(&self) -> u64 {
         self.models.iter().map(|m| m.memory().resident).sum()

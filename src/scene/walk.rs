@@ -307,14 +307,10 @@ impl<'a> SceneView<'a> {
         (!parts.looks.is_empty()).then(filter)
     }
 
-    /// The mask of the rays that see the placed tree.
+    /// See [`SceneState::seen_by`].
     #[inline]
     pub(super) fn seen_by(&self, placed: u32) -> u32 {
-        let p = &self.scene.placement.placed[placed as usize];
-        let instance = &self.scene.instances[p.instance as usize];
-        // A tree of hidden parts alone is not entered.
-        let is_hidden = self.scene.shown_blocks(placed).is_some_and(|shown| shown.lacks(shown.first_block));
-        if instance.look.visible && !is_hidden { instance.mask } else { 0 }
+        self.scene.seen_by(placed)
     }
 
     /// The triangle that was hit, and its model's part.

@@ -20,13 +20,15 @@ pub struct Part<'a> {
     pub bounds: [f64; 6],
     /// Number of the part's own triangles in the trees.
     pub triangles: u64,
+    /// See [`PartRow::flags`].
+    pub flags: u32,
 }
 
 impl Part<'_> {
     /// The part as a row to be written.
     pub fn to_row(&self) -> PartRow {
-        let Self { id, name, parent, material, bounds, triangles } = *self;
-        PartRow { id, name: name.to_owned(), parent, material, bounds, triangles }
+        let Self { id, name, parent, material, bounds, triangles, flags } = *self;
+        PartRow { id, name: name.to_owned(), parent, material, bounds, triangles, flags }
     }
 }
 
@@ -48,6 +50,7 @@ struct Row {
     bounds: [f64; 6],
     parent: u32,
     material: u32,
+    flags: u32,
     /// Offset of the name.
     name_at: usize,
 }
@@ -76,11 +79,12 @@ impl Parts {
     #[inline]
     pub fn get(&self, index: usize) -> Option<Part<'_>> {
         let row = self.rows.get(index)?;
-        let Row { id, triangles, bounds, parent, material, name_at } = *row;
+        let Row { id, triangles, bounds, parent, material, flags, name_at } = *row;
         // Without the NUL.
         let end = self.rows.get(index + 1).map_or(self.names.len(), |next| next.name_at).saturating_sub(1);
         let name = self.names.get(name_at..end).unwrap_or_default();
-        Some(Part { id, name, parent: Some(parent).filter(|&p| p != NO_PARENT), material, bounds, triangles })
+        let parent = Some(parent).filter(|&p| p != NO_PARENT);
+        Some(Part { id, name, parent, material, bounds, triangles, flags })
     }
 
     /// The caller's id of the part in row `index`, if there is one.
@@ -120,7 +124,7 @@ impl Parts {
 
 /// The part of a row that does not exist.
 const NONE: Part =
-    Part { id: 0, name: "", parent: None, material: 0, bounds: super::sections::EMPTY_BOUNDS, triangles: 0 };
+    Part { id: 0, name: "", parent: None, material: 0, bounds: super::sections::EMPTY_BOUNDS, triangles: 0, flags: 0 };
 
 /// Parts that are being read: all rows, then all names.
 pub(super) struct Reading {
@@ -149,14 +153,14 @@ impl Reading {
         debug_assert_eq!(bytes.len(), PartRow::LEN);
         let (index, mut r) = (self.rows.len(), ByteReader::new(bytes));
         let (id, triangles, bounds) = (r.u64()?, r.u64()?, r.f64s()?);
-        let (parent, material, name_len) = (r.u32()?, r.u32()?, r.u32()?);
-        r.zeros(4)?;
+        let (parent, material, name_len, flags) = (r.u32()?, r.u32()?, r.u32()?, r.u32()?);
         let known = Some(parent).filter(|&p| p != NO_PARENT);
-        check_part(index, known, material, &bounds, self.materials).map_err(|why| of_row("part", index, &why))?;
+        check_part(index, known, material, &bounds, flags, self.materials)
+            .map_err(|why| of_row("part", index, &why))?;
         self.stated += u64::from(name_len);
         self.triangles = self.triangles.and_then(|sum| sum.checked_add(triangles));
         // The length stands in for the offset until the name is read.
-        self.rows.push(Row { id, triangles, bounds, parent, material, name_at: name_len as usize });
+        self.rows.push(Row { id, triangles, bounds, parent, material, flags, name_at: name_len as usize });
         Ok(())
     }
 

@@ -37,6 +37,16 @@ pub struct PartRow {
     pub bounds: [f64; 6],
     /// Number of the part's own triangles in the trees.
     pub triangles: u64,
+    /// [`PartRow::CLOSED`] and [`PartRow::ORIENTED`], combined with `|`.
+    pub flags: u32,
+}
+
+impl PartRow {
+    /// Every edge of the part's triangles belongs to an even number of them: the surface has no border.
+    pub const CLOSED: u32 = 1;
+    /// Every edge is passed as often in one direction as in the other, so the triangles face one way. Only with
+    /// [`PartRow::CLOSED`].
+    pub const ORIENTED: u32 = 2;
 }
 
 /// A material. Each number is in [0, 1].
@@ -169,7 +179,7 @@ impl Tables<'_> {
     pub fn validate(&self, header: &Header) -> Checked<()> {
         each(self.parts, "part", |i, part| {
             ensure(part.name.len() <= u32::MAX as usize, "the name is too long")?;
-            check_part(i, part.parent, part.material, &part.bounds, self.materials.len() as u64)
+            check_part(i, part.parent, part.material, &part.bounds, part.flags, self.materials.len() as u64)
         })?;
         let triangles = self.parts.iter().map(|part| part.triangles).try_fold(0, u64::checked_add);
         let Self { materials, instances, trees, .. } = *self;
@@ -183,11 +193,13 @@ pub(super) fn check_part(
     parent: Option<u32>,
     material: u32,
     bounds: &[f64; 6],
+    flags: u32,
     materials: u64,
 ) -> Checked<()> {
     // Parents come first, hence there are no cycles.
     ensure(parent.is_none_or(|p| (p as usize) < index), "the parent does not precede the part")?;
     ensure(u64::from(material) < materials, "the material does not exist")?;
+    ensure(matches!(flags, 0 | PartRow::CLOSED | 3), "the flags are unknown")?;
     check_bounds(bounds)
 }
 
@@ -311,7 +323,7 @@ impl FileRow for PartRow {
         out.put_u32(self.parent.unwrap_or(NO_PARENT));
         out.put_u32(self.material);
         out.put_u32(self.name.len() as u32);
-        out.put_u32(0);
+        out.put_u32(self.flags);
     }
     fn text(&self) -> &str {
         &self.name

@@ -10,6 +10,7 @@ fn part(name: &str, parent: Option<u32>) -> PartRow {
         material: 0,
         bounds: [0.0, 0.0, 0.0, 1.0, 2.0, 3.0],
         triangles: 5,
+        flags: PartRow::CLOSED | PartRow::ORIENTED,
     }
 }
 

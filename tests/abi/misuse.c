@@ -953,6 +953,114 @@ static void overlaps(oc_scene *s0) {
     free(found);
 }
 
+/* Two rays through the tetrahedron, and two bad ones. */
+static void crossings(oc_scene *s0) {
+    const oc_ray given[4] = {
+        {{0.25, 0.25, -1}, 0, 0, {0, 0, 1}, 0, 0, 0},
+        {{0.25, 0.25, 2}, 0, 0, {0, 0, -2}, 0, 0, 0},
+        {{NAN, 0.25, 2}, 0, 0, {0, 0, -2}, 0, 0, 0},
+        {{0.25, 0.25, 2}, 0, 0, {NAN, 0, -2}, 0, 0, 0},
+    };
+    oc_ray *rays = (oc_ray *)malloc(sizeof given);
+    oc_crossing *found = (oc_crossing *)malloc(4 * sizeof *found);
+    uint64_t *ends = (uint64_t *)malloc(4 * sizeof *ends), count = 77;
+    uint8_t complete[4];
+    oc_query q;
+    memcpy(rays, given, sizeof given);
+    OC_INIT(&q);
+    INVALID(oc_scene_crossings(s0, NULL, found, 4, ends, NULL, &count));
+    q.rays = rays;
+    q.count = 4;
+    INVALID(oc_scene_crossings(NULL, &q, found, 4, ends, NULL, &count));
+    INVALID(oc_scene_crossings(s0, &q, NULL, 4, ends, NULL, &count));
+    INVALID(oc_scene_crossings(s0, &q, found, 4, NULL, NULL, &count));
+    INVALID(oc_scene_crossings(s0, &q, found, 4, ends, NULL, NULL));
+    INVALID(oc_scene_crossings(s0, &q, found, UINT64_MAX, ends, NULL, &count));
+    q.stride = sizeof *rays - 1;
+    INVALID(oc_scene_crossings(s0, &q, found, 4, ends, NULL, &count));
+    q.stride = 0;
+    q.flags = 1u << 31;
+    INVALID(oc_scene_crossings(s0, &q, found, 4, ends, NULL, &count));
+    q.flags = 0;
+    q.want = 1u << 31;
+    INVALID(oc_scene_crossings(s0, &q, found, 4, ends, NULL, &count));
+    q.want = 0;
+    q.count = UINT64_MAX;
+    INVALID(oc_scene_crossings(s0, &q, found, 4, ends, NULL, &count));
+    q.count = 4;
+    CHECK(count == 77);
+    OK(oc_scene_crossings(s0, &q, NULL, 0, ends, NULL, &count));
+    CHECK(count == 4 && ends[0] == 2 && ends[1] == 4 && ends[2] == 4 && ends[3] == 4);
+    count = 77;
+    CHECK(oc_scene_crossings(s0, &q, found, 3, ends, NULL, &count) == OC_STATUS_BUFFER_TOO_SMALL);
+    CHECK(count == 4 && ends[3] == 4);
+    memset(complete, 9, sizeof complete);
+    OK(oc_scene_crossings(s0, &q, found, 4, ends, complete, &count));
+    CHECK(count == 4 && found[0].t == 1 && found[1].t == 1.5 && found[2].t == 0.75 && found[3].t == 1);
+    for (int i = 0; i < 4; i++) CHECK(found[i].part == 7 && found[i].instance == 1 && found[i].kind == OC_HIT_EXACT);
+    for (int i = 0; i < 2; i++) CHECK(found[2 * i].side == OC_SIDE_FRONT && found[2 * i + 1].side == OC_SIDE_BACK);
+    CHECK(found[0].prim == found[3].prim && found[0].normal[2] == -1 && found[3].normal[2] == 1);
+    for (int i = 0; i < 4; i++) CHECK(complete[i] == 1);
+    q.flags = OC_QUERY_NOW;
+    OK(oc_scene_crossings(s0, &q, found, 4, ends, complete, &count));
+    q.count = 0;
+    OK(oc_scene_crossings(s0, &q, NULL, 0, NULL, NULL, &count));
+    CHECK(count == 0);
+    free(rays), free(found), free(ends);
+}
+
+static void parts_at(oc_scene *s0) {
+    double points[3][3] = {{0.2, 0.2, 0.2}, {0.9, 0.9, 0.9}, {NAN, 0, 0}};
+    oc_part_at *found = (oc_part_at *)malloc(sizeof *found);
+    uint64_t *ends = (uint64_t *)malloc(3 * sizeof *ends), count = 77;
+    INVALID(oc_scene_parts_at(NULL, points[0], 3, 0, found, 1, ends, &count));
+    INVALID(oc_scene_parts_at(s0, NULL, 3, 0, found, 1, ends, &count));
+    INVALID(oc_scene_parts_at(s0, points[0], 3, 23, found, 1, ends, &count));
+    INVALID(oc_scene_parts_at(s0, points[0], UINT64_MAX, 0, found, 1, ends, &count));
+    INVALID(oc_scene_parts_at(s0, points[0], 3, 0, NULL, 1, ends, &count));
+    INVALID(oc_scene_parts_at(s0, points[0], 3, 0, found, UINT64_MAX, ends, &count));
+    INVALID(oc_scene_parts_at(s0, points[0], 3, 0, found, 1, NULL, &count));
+    INVALID(oc_scene_parts_at(s0, points[0], 3, 0, found, 1, ends, NULL));
+    CHECK(count == 77);
+    OK(oc_scene_parts_at(s0, points[0], 3, 0, NULL, 0, ends, &count));
+    CHECK(count == 1 && ends[0] == 1 && ends[1] == 1 && ends[2] == 1);
+    OK(oc_scene_parts_at(s0, points[0], 3, 0, found, 1, ends, &count));
+    CHECK(found->part == 7 && found->instance == 1 && found->winding == 1 && found->holds == OC_HOLDS_INSIDE);
+    for (int i = 0; i < 3; i++) points[1][i] = 0.1;
+    CHECK(oc_scene_parts_at(s0, points[0], 3, 0, found, 1, ends, &count) == OC_STATUS_BUFFER_TOO_SMALL);
+    CHECK(count == 2);
+    OK(oc_scene_parts_at(s0, NULL, 0, 0, NULL, 0, NULL, &count));
+    CHECK(count == 0);
+    free(found), free(ends);
+}
+
+static void thickness(oc_scene *s0) {
+    const oc_ray ray = {{0.25, 0.25, -1}, 0, 0, {0, 0, 1}, 0, 0, 0};
+    oc_hit *hits = (oc_hit *)malloc(2 * sizeof *hits);
+    double *found = (double *)malloc(2 * sizeof *found);
+    oc_query q;
+    OC_INIT(&q);
+    q.rays = &ray;
+    q.count = 1;
+    OK(oc_scene_closest(s0, &q, hits, 0));
+    hits[1] = hits[0];
+    hits[1].kind = OC_HIT_MISS;
+    INVALID(oc_scene_thickness(NULL, hits, 2, 0, found, 0));
+    INVALID(oc_scene_thickness(s0, NULL, 2, 0, found, 0));
+    INVALID(oc_scene_thickness(s0, hits, 2, 0, NULL, 0));
+    INVALID(oc_scene_thickness(s0, hits, 2, sizeof *hits - 1, found, 0));
+    INVALID(oc_scene_thickness(s0, hits, 2, 0, found, 7));
+    INVALID(oc_scene_thickness(s0, hits, UINT64_MAX, 0, found, 0));
+    OK(oc_scene_thickness(s0, hits, 2, 0, found, 0));
+    CHECK(fabs(found[0] - 0.5) < 1e-12 && isinf(found[1]));
+    for (int i = 0; i < 3; i++) hits[0].normal[i] = NAN;
+    hits[0].kind = 99;
+    OK(oc_scene_thickness(s0, hits, 1, 0, found, 0));
+    CHECK(isinf(found[0]));
+    OK(oc_scene_thickness(s0, NULL, 0, 0, NULL, 0));
+    free(hits), free(found);
+}
+
 static void prefetches(oc_scene *s0) {
     double low[3] = {-1, -1, -1}, high[3] = {2, 2, 2};
     oc_camera camera;
@@ -1187,6 +1295,9 @@ int main(int argc, char **argv) {
     queries(c, s0);
     ways_to_give_rays(s0);
     overlaps(s0);
+    crossings(s0);
+    parts_at(s0);
+    thickness(s0);
     prefetches(s0);
     frames(c, s0);
     oc_context_release(c); /* before what was made from it */

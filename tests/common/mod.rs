@@ -21,6 +21,7 @@
 //! | [`rays`] | seeded rays of every awkward kind |
 //! | [`models`], [`scenes`] | the models folder and the five test models as triangle lists |
 //! | [`changed`] | generated models with changes on their way to the build |
+//! | [`closed`] | closed models on a grid, and their crossings in integers |
 //! | [`built`], [`stored`] | files under test, built through the public API, and what they store |
 //! | [`frames`] | cameras, requests that must converge, scenes with something of everything |
 //! | [`trees`] | the trees under test, with any blocks missing |
@@ -33,6 +34,7 @@ pub mod brute;
 pub mod built;
 pub mod bvh64;
 pub mod changed;
+pub mod closed;
 pub mod errors;
 pub mod frames;
 pub mod light;

@@ -163,7 +163,8 @@ class oc_part_info(Sized):
     _fields_ = [
         ("struct_size", c.c_uint32), ("parent", c.c_uint32), ("id", c.c_uint64), ("name", c.c_char_p),
         ("triangles", c.c_uint64), ("bounds_min", c.c_double * 3), ("bounds_max", c.c_double * 3),
-        ("colour", c.c_float * 4), ("metalness", c.c_float), ("roughness", c.c_float),
+        ("colour", c.c_float * 4), ("metalness", c.c_float), ("roughness", c.c_float), ("flags", c.c_uint32),
+        ("reserved", c.c_uint32),
     ]
 
 
@@ -240,6 +241,24 @@ class oc_triangle(c.Structure):
     ]
 
 
+class oc_crossing(c.Structure):
+    """A point where a ray goes through an original triangle. Element of an array."""
+
+    _fields_ = [
+        ("t", c.c_double), ("part", c.c_uint64), ("instance", c.c_uint64), ("prim", c.c_uint64),
+        ("normal", c.c_float * 3), ("uv", c.c_float * 2), ("error", c.c_float), ("side", c.c_uint32),
+        ("kind", c.c_uint32),
+    ]
+
+
+class oc_part_at(c.Structure):
+    """A part at a point. Element of an array."""
+
+    _fields_ = [
+        ("instance", c.c_uint64), ("part", c.c_uint64), ("winding", c.c_int32), ("holds", c.c_uint32),
+    ]
+
+
 class oc_overlap(c.Structure):
     """A part that intersects a volume. Element of an array."""
 
@@ -307,8 +326,8 @@ class oc_pixels(Sized):
 STRUCTS: list[type[c.Structure]] = [
     oc_progress, oc_executor, oc_context_desc, oc_resolved, oc_build_desc, oc_material, oc_part, oc_triangles,
     oc_build_report, oc_io, oc_model_info, oc_part_info, oc_camera, oc_light, oc_background, oc_look, oc_ray,
-    oc_query, oc_hit, oc_triangle, oc_overlap, oc_plane, oc_target, oc_frame_desc, oc_frame_settings,
-    oc_frame_accuracy, oc_pixels,
+    oc_query, oc_hit, oc_triangle, oc_crossing, oc_part_at, oc_overlap, oc_plane, oc_target, oc_frame_desc,
+    oc_frame_settings, oc_frame_accuracy, oc_pixels,
 ]
 """All structs, in the order of the header."""
 
@@ -379,6 +398,9 @@ class Functions:
     oc_part_reader_retain: Callable[..., None]
     oc_part_reader_release: Callable[..., None]
     oc_scene_triangles: Callable[..., int]
+    oc_scene_crossings: Callable[..., int]
+    oc_scene_parts_at: Callable[..., int]
+    oc_scene_thickness: Callable[..., int]
     oc_scene_overlap_box: Callable[..., int]
     oc_scene_overlap_frustum: Callable[..., int]
     oc_frame_create: Callable[..., int]
@@ -465,6 +487,13 @@ SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "oc_part_reader_retain": (None, [c.c_void_p]),
     "oc_part_reader_release": (None, [c.c_void_p]),
     "oc_scene_triangles": (c.c_uint32, [c.c_void_p, c.c_void_p, c.c_uint64, c.c_uint64, c.c_void_p]),
+    "oc_scene_crossings": (c.c_uint32, [
+        c.c_void_p, c.c_void_p, c.c_void_p, c.c_uint64, c.c_void_p, c.c_void_p, c.c_void_p,
+    ]),
+    "oc_scene_parts_at": (c.c_uint32, [
+        c.c_void_p, c.c_void_p, c.c_uint64, c.c_uint64, c.c_void_p, c.c_uint64, c.c_void_p, c.c_void_p,
+    ]),
+    "oc_scene_thickness": (c.c_uint32, [c.c_void_p, c.c_void_p, c.c_uint64, c.c_uint64, c.c_void_p, c.c_uint64]),
     "oc_scene_overlap_box": (c.c_uint32, [c.c_void_p, c.c_void_p, c.c_void_p, c.c_void_p, c.c_uint64, c.c_void_p]),
     "oc_scene_overlap_frustum": (c.c_uint32, [
         c.c_void_p, c.c_void_p, c.c_uint64, c.c_void_p, c.c_uint64, c.c_void_p,
@@ -500,10 +529,10 @@ FALLIBLE = frozenset([
     "oc_scene_set_instance_mask", "oc_scene_set_lights", "oc_scene_set_background", "oc_scene_commit",
     "oc_scene_set_instance_look", "oc_scene_set_part_look", "oc_scene_set_parts_look", "oc_scene_isolate",
     "oc_scene_set_model", "oc_scene_clear_part_looks", "oc_scene_closest", "oc_scene_any", "oc_scene_closest_start",
-    "oc_scene_any_start", "oc_model_read_part", "oc_part_reader_next", "oc_scene_triangles", "oc_scene_overlap_box",
-    "oc_scene_overlap_frustum", "oc_frame_create", "oc_frame_request", "oc_frame_poll", "oc_frame_wait",
-    "oc_frame_cancel", "oc_frame_resize", "oc_frame_set_wake", "oc_frame_get_accuracy", "oc_frame_pick",
-    "oc_frame_map", "oc_scene_prefetch_box", "oc_scene_prefetch_camera",
+    "oc_scene_any_start", "oc_model_read_part", "oc_part_reader_next", "oc_scene_triangles", "oc_scene_crossings",
+    "oc_scene_parts_at", "oc_scene_thickness", "oc_scene_overlap_box", "oc_scene_overlap_frustum", "oc_frame_create",
+    "oc_frame_request", "oc_frame_poll", "oc_frame_wait", "oc_frame_cancel", "oc_frame_resize", "oc_frame_set_wake",
+    "oc_frame_get_accuracy", "oc_frame_pick", "oc_frame_map", "oc_scene_prefetch_box", "oc_scene_prefetch_camera",
 ])
 """Functions that return a status."""
 

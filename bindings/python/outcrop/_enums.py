@@ -226,6 +226,20 @@ class UpAxis(enum.IntEnum):
     """+Z (most CAD)."""
 
 
+class PartFlags(enum.IntFlag):
+    """Flags of a part."""
+
+    CLOSED = 1
+    """The part's own triangles form a closed surface: each edge belongs to an even number of them. Rays cross the
+    part an even number of times. The stored positions decide, and triangles without area count.
+    """
+    ORIENTED = 2
+    """The surface is closed, and its triangles face one way: each edge is passed as often in one direction as in the
+    other. Rays leave the part as often as they enter it. A part that is closed without this flag has triangles
+    that face the wrong way, or has no inside.
+    """
+
+
 class CameraKind(enum.IntEnum):
     """Kind of a camera."""
 
@@ -335,6 +349,26 @@ class HitKind(enum.IntEnum):
     """
 
 
+class Side(enum.IntEnum):
+    """The side of a triangle."""
+
+    FRONT = 1
+    """The side from which the corners appear counter-clockwise. There a ray enters a solid whose triangles face
+    outward.
+    """
+    BACK = 2
+    """The other side, where a ray leaves such a solid."""
+
+
+class Holds(enum.IntEnum):
+    """The relation of a part to a point."""
+
+    INSIDE = 1
+    """The part is closed (PartFlags.CLOSED), and the point is inside."""
+    UNDECIDED = 2
+    """The part is not closed, and the point is within its bounds: nothing says whether it is inside."""
+
+
 class OverlapKind(enum.IntEnum):
     """How a part intersects a volume."""
 
@@ -404,6 +438,6 @@ class Format(enum.IntEnum):
 
 __all__ = [
     "Status", "State", "Phase", "LogLevel", "InstructionSet", "ContextFlags", "Property", "Structure", "Splits",
-    "Resolution", "Scalar", "Index", "UpAxis", "CameraKind", "LightKind", "LookFlags", "PartsFlags", "Want",
-    "QueryFlags", "HitKind", "OverlapKind", "Buffer", "FrameFlags", "Format",
+    "Resolution", "Scalar", "Index", "UpAxis", "PartFlags", "CameraKind", "LightKind", "LookFlags", "PartsFlags",
+    "Want", "QueryFlags", "HitKind", "Side", "Holds", "OverlapKind", "Buffer", "FrameFlags", "Format",
 ]

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 from . import _abi
 from ._enums import (
-    CameraKind, FrameFlags, HitKind, LightKind, LookFlags, OverlapKind, Phase, Splits, State, Status, Structure,
-    UpAxis,
+    CameraKind, FrameFlags, HitKind, Holds, LightKind, LookFlags, OverlapKind, PartFlags, Phase, Side, Splits, State,
+    Status, Structure, UpAxis,
 )
 from ._value import Value, Vector
 
@@ -231,6 +231,8 @@ class PartInfo(Value):
     """Material: metalness, 0 to 1."""
     roughness: float = 0.0
     """Material: roughness, 0 to 1."""
+    flags: PartFlags = PartFlags(0)
+    """PartFlags flags, combined with `|`."""
 
 
 @dataclass
@@ -347,8 +349,9 @@ class Hit(Value):
     t: float = 0.0
     """Distance from the origin, in units of the direction's length. Miss: infinity.
 
-    The interval includes both ends. To find the surface behind a hit, trace the ray again with `t_min` set to the
-    next larger double after `t`. Exceptions:
+    The interval includes both ends. oc_scene_crossings finds all surfaces along a ray. (Tracing the ray again
+    from behind each hit does not: of coincident surfaces it finds one, and at `t` = 0 it may return the same
+    surface for ever.) Exceptions:
     - Two surfaces closer to each other than `t - t_free` may be returned in either order.
     - Within the single-precision rounding error of the origin, a surface behind the origin may be returned at 0,
       and one in front of it may be missed.
@@ -409,6 +412,50 @@ class Triangle(Value):
     """Unit normals at the corners with which the surface is shaded, in the order of `corners`, on the side from
     which the corners appear counter-clockwise. Those of the triangle itself where the model has no others.
     """
+
+
+@dataclass
+class Crossing(Value):
+    """A point where a ray goes through an original triangle. Element of an array."""
+
+    _struct = _abi.oc_crossing
+
+    t: float = 0.0
+    """Distance from the origin, in units of the direction's length, in double precision."""
+    part: int = 0
+    """Id of the part, as passed when the model was built."""
+    instance: int = 0
+    """Id of the instance, as passed to oc_scene_add_instance."""
+    prim: int = 0
+    """Index of the triangle in the input of the build, from 0. OC_NO_ID if `kind` is HitKind.MISSING."""
+    normal: Vector = (0.0, 0.0, 0.0)
+    """Unit geometric normal in world space, on the side of the ray's origin."""
+    uv: Vector = (0.0, 0.0)
+    """Barycentric weights of the triangle's second and third corner."""
+    error: float = 0.0
+    """An original surface lies within this distance of the point at `t`, in world units."""
+    side: Side = Side(1)
+    """The side on which the ray arrives: one of the Side constants."""
+    kind: HitKind = HitKind(0)
+    """HitKind.EXACT. With QueryFlags.NOW also HitKind.MISSING: the primitive id is not in memory."""
+
+
+@dataclass
+class PartAt(Value):
+    """A part at a point. Element of an array."""
+
+    _struct = _abi.oc_part_at
+
+    instance: int = 0
+    """Id of the instance, as passed to oc_scene_add_instance."""
+    part: int = 0
+    """Id of the part, as passed when the model was built."""
+    winding: int = 0
+    """How many times the surface surrounds the point: 1 in a solid whose triangles face outward, -1 if they face
+    inward. Without PartFlags.ORIENTED: 1. Holds.UNDECIDED: 0.
+    """
+    holds: Holds = Holds(1)
+    """One of the Holds constants."""
 
 
 @dataclass
@@ -507,5 +554,5 @@ class Accuracy(Value):
 
 __all__ = [
     "Progress", "BuildOptions", "Material", "Part", "ModelInfo", "PartInfo", "Camera", "Light", "Background", "Look",
-    "Ray", "Triangle", "Overlap", "Plane", "FrameSettings", "Accuracy",
+    "Ray", "Triangle", "Crossing", "PartAt", "Overlap", "Plane", "FrameSettings", "Accuracy",
 ]

@@ -3,7 +3,7 @@
 use crate::common::{self, Outcome};
 use outcrop::base::ids::BlockId;
 use outcrop::build::Structure;
-use outcrop::store::ModelFile;
+use outcrop::store::{ModelFile, PartRow};
 use serde_json::{Value, json};
 use std::path::PathBuf;
 
@@ -41,6 +41,15 @@ fn up(file: &ModelFile) -> Option<&'static str> {
     [None, Some("x"), Some("y"), Some("z")].get(file.header().up as usize).copied().flatten()
 }
 
+/// Returns whether a part with these flags is closed.
+fn closed(flags: u32) -> &'static str {
+    match (flags & PartRow::CLOSED != 0, flags & PartRow::ORIENTED != 0) {
+        (false, _) => "open",
+        (true, false) => "closed, but its triangles do not face one way",
+        (true, true) => "closed",
+    }
+}
+
 fn as_json(file: &ModelFile, with_parts: bool) -> Value {
     let h = file.header();
     let empty = h.bounds.iter().any(|x| !x.is_finite());
@@ -72,7 +81,10 @@ fn as_json(file: &ModelFile, with_parts: bool) -> Value {
     });
     if with_parts {
         let rows = file.parts().iter().map(|p| {
-            json!({ "id": p.id, "name": p.name, "parent": p.parent, "material": p.material, "triangles": p.triangles })
+            json!({
+                "id": p.id, "name": p.name, "parent": p.parent, "material": p.material, "triangles": p.triangles,
+                "closed": p.flags & PartRow::CLOSED != 0, "oriented": p.flags & PartRow::ORIENTED != 0,
+            })
         });
         value["part_list"] = rows.collect();
     }
@@ -108,7 +120,8 @@ fn as_text(file: &ModelFile, with_parts: bool) -> String {
     );
     if with_parts {
         for p in file.parts().iter() {
-            text += &format!("{}\t{}\t{}\n", p.id, p.name, common::counted(p.triangles, "triangle"));
+            let triangles = common::counted(p.triangles, "triangle");
+            text += &format!("{}\t{}\t{triangles}\t{}\n", p.id, p.name, closed(p.flags));
         }
     }
     text

@@ -9,6 +9,7 @@ mod bench;
 mod build;
 mod check;
 mod common;
+mod crossings;
 mod export;
 mod generate;
 mod info;
@@ -35,6 +36,7 @@ enum Verb {
     Build(build::Args),
     Info(info::Args),
     Check(check::Args),
+    Crossings(crossings::Args),
     Render(render::Args),
     Bench(bench::Args),
     Export(export::Args),
@@ -46,6 +48,7 @@ fn run(verb: Verb) -> Outcome {
         Verb::Build(args) => build::run(&args),
         Verb::Info(args) => info::run(&args),
         Verb::Check(args) => check::run(&args),
+        Verb::Crossings(args) => crossings::run(&args),
         Verb::Render(args) => render::run(&args),
         Verb::Bench(args) => bench::run(&args),
         Verb::Export(args) => export::run(&args),

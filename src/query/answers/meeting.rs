@@ -121,6 +121,16 @@ pub(crate) fn meet(placed: &Placed, corners: &[Vec3; 3], ray: &Ray, found: f64) 
     if best.gap <= rounding { best } else { least_gap(&plane, org, dir, [best, at(found)], at) }
 }
 
+/// The distance at which a ray's line meets a triangle that it crosses, before the ray's origin too: that of the
+/// triangle's plane, within the span of the corners' distances.
+pub(crate) fn distance(placed: &Placed, corners: &[Vec3; 3], ray: &Ray, [least, greatest]: [f64; 2]) -> f64 {
+    let plane = Plane::new(corners);
+    let (org, dir) = (placed.local_point(ray.origin), placed.local_vector(ray.dir.as_dvec3()));
+    let t = plane.normal.dot(plane.corner - org) / plane.normal.dot(dir);
+    // NaN leaves the least.
+    t.min(greatest).max(least)
+}
+
 /// The better of two intersections, and of a third one at the ray's point nearest to the better one's triangle point.
 #[cold]
 fn least_gap(plane: &Plane, org: DVec3, dir: DVec3, two: [Meeting; 2], at: impl Fn(f64) -> Meeting) -> Meeting {

@@ -8,7 +8,7 @@ mod shading;
 pub(crate) mod stand_in;
 mod triangle;
 
-pub(crate) use meeting::meet;
+pub(crate) use meeting::{distance, meet};
 pub(crate) use shading::{shading_normal, weights, world_unit};
 pub(crate) use triangle::WorldNormal;
 

@@ -1,0 +1,346 @@
+//! All crossings of rays with surfaces, in order.
+//!
+//! A ray is answered by visits to the placed trees that it may enter. Visits are made in [sweeps](super::sweep) of
+//! limited size, in the order of the rays, so that memory does not grow with the batch. Only the crossings of the rays
+//! of one sweep are held at a time.
+
+use super::answers::{WorldNormal, distance, meet};
+use super::batch::{Policy, Rays};
+use super::hit::{HitKind, NONE};
+use super::sweep::sweep;
+use crate::base::error::{Error, Result};
+use crate::base::ids::BlockId;
+use crate::base::memory::make_room;
+use crate::geom::Side;
+use crate::math::Ray;
+use crate::scene::SceneState;
+use crate::scene::placed::Placed;
+use crate::scene::through::Entrances;
+use crate::scene::walk::SceneView;
+use crate::structure::{Descent, TriHit, Triangle};
+use glam::Vec3;
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+
+/// A point where a ray goes through an original triangle. The members have the order of the C struct.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[repr(C)]
+pub struct Crossing {
+    /// Distance in units of the ray's `|dir|`, in double precision.
+    pub t: f64,
+    /// The caller's id of the part.
+    pub part: u64,
+    /// The caller's id of the instance.
+    pub instance: u64,
+    /// The triangle's index in the input of its model's build; [`NONE`] if it is not in memory.
+    pub prim: u64,
+    /// Unit geometric normal in world space, facing the ray's origin.
+    pub normal: Vec3,
+    /// Weights of the triangle's second and third vertex.
+    pub uv: [f32; 2],
+    /// Some original surface lies within this distance of the point at `t` (world units).
+    pub error: f32,
+    /// The side of the triangle that the ray meets.
+    pub side: Side,
+    /// [`HitKind::Exact`], or [`HitKind::Missing`] if the primitive id is not in memory.
+    pub kind: HitKind,
+}
+
+/// Takes the answer to the ray with this index: its crossings in order, and true if they are all.
+pub type Take<'a> = &'a mut dyn FnMut(usize, &[Crossing], bool);
+
+impl SceneState {
+    /// Finds all surfaces that each ray crosses within its interval, nearest first; at equal distances by part,
+    /// instance and primitive. Coincident surfaces are all found. Calls `take` in the caller's thread for each ray, in
+    /// order.
+    ///
+    /// An edge or a corner that triangles of a closed surface share counts once: the ray crosses such a surface as
+    /// often from the front as from the back if it begins and ends outside. Triangles parallel to the ray are not
+    /// crossed. Footprints are ignored: crossings are always those of original triangles. Other rules are those of
+    /// [`SceneState::closest`]: for bad rays, hidden parts, and masks. With [`Policy::Now`] the answers to some rays
+    /// may be incomplete.
+    ///
+    /// Blocks; may read the disk. Thread-safe. Fails with the error of a disk read, and with `OverBudget` if the
+    /// crossings of a single ray take more than a quarter of the context's budget.
+    pub fn crossings(&self, rays: &dyn Rays, policy: Policy, take: Take) -> Result<()> {
+        let (mut crossings, mut refused) = (Vec::new(), Ok(()));
+        self.crossings_of_parts(rays, policy, &mut |ray, met, is_complete| {
+            crossings.clear();
+            let room = make_room(&mut crossings, met.len(), CROSSINGS);
+            if refused.is_ok() && room.is_ok() {
+                crossings.extend(met.iter().map(|met| met.crossing));
+                take(ray, &crossings, is_complete);
+            } else {
+                refused = std::mem::replace(&mut refused, Ok(())).and(room);
+            }
+        })?;
+        refused
+    }
+
+    /// [`SceneState::crossings`], with the indices of parts and instances.
+    pub(super) fn crossings_of_parts(&self, rays: &dyn Rays, policy: Policy, take: TakeMet) -> Result<()> {
+        let mut some = vec![Ray::NONE; RAYS.min(rays.count())];
+        let mut entrances = Entrances::default();
+        for first in (0..rays.count()).step_by(RAYS) {
+            let some = &mut some[..RAYS.min(rays.count() - first)];
+            rays.read(first, some);
+            let mut few = Few { scene: self, rays: some, first, policy, done: 0, open: Open::new() };
+            let mut visits = Vec::new();
+            for (i, ray) in some.iter().enumerate() {
+                entrances.begin(self, ray);
+                while let Some(placed) = entrances.next(self, ray) {
+                    visits.push((i as u32, placed));
+                    if visits.len() == VISITS {
+                        few.visit(&visits, take)?;
+                        visits.clear();
+                    }
+                }
+            }
+            few.visit(&visits, take)?;
+            few.finish(some.len(), take);
+        }
+        Ok(())
+    }
+}
+
+/// What the memory of results is for, in errors.
+const CROSSINGS: &str = "the crossings of rays";
+
+/// Number of rays that are read at a time, and greatest number of visits of a sweep.
+const RAYS: usize = 4096;
+const VISITS: usize = 1 << 14;
+
+/// The crossings that are held at a time take at most the budget divided by this.
+const SHARE: u64 = 4;
+
+/// Takes the answer to a ray, as [`Take`].
+pub(super) type TakeMet<'a> = &'a mut dyn FnMut(usize, &[Met], bool);
+
+/// A crossing, with the place of its triangle.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Met {
+    pub crossing: Crossing,
+    /// Index of the placed tree.
+    pub placed: u32,
+    /// Index of the part in its model.
+    pub part: u32,
+    block: u32,
+    tri: u32,
+    /// True if the primitive id is known.
+    is_known: bool,
+}
+
+/// The result of a visit.
+#[derive(Default)]
+struct Found {
+    met: Vec<Met>,
+    /// True if blocks were missing.
+    is_short: bool,
+    /// True if the system has refused memory.
+    is_refused: bool,
+}
+
+/// The crossings so far of the ray that is answered next.
+struct Open {
+    met: Vec<Met>,
+    is_complete: bool,
+}
+
+impl Open {
+    fn new() -> Self {
+        Self { met: Vec::new(), is_complete: true }
+    }
+}
+
+/// Rays that are answered together.
+struct Few<'a> {
+    scene: &'a SceneState,
+    rays: &'a [Ray],
+    /// Index in the batch of the first of them.
+    first: usize,
+    policy: Policy,
+    /// Number of rays that are answered.
+    done: usize,
+    open: Open,
+}
+
+impl Few<'_> {
+    /// Makes visits, which are in the order of their rays, and answers the rays before the last one.
+    fn visit(&mut self, mut visits: &[(u32, u32)], take: TakeMet) -> Result<()> {
+        let mut count = visits.len();
+        while !visits.is_empty() {
+            let (now, later) = visits.split_at(count.min(visits.len()));
+            self.finish(now[0].0 as usize, take);
+            let most = self.scene.context().memory_budget() / SHARE;
+            let room = most.saturating_sub((self.open.met.len() * size_of::<Met>()) as u64);
+            let Some(found) = self.sweep(now, room)? else {
+                if count == 1 {
+                    return Err(self.too_many(now[0].0)?);
+                }
+                count = count.div_ceil(2);
+                continue;
+            };
+            for (&(ray, _), found) in now.iter().zip(found) {
+                self.finish(ray as usize, take);
+                self.open.is_complete &= !found.is_short;
+                make_room(&mut self.open.met, found.met.len(), CROSSINGS)?;
+                self.open.met.extend(found.met);
+            }
+            visits = later;
+        }
+        Ok(())
+    }
+
+    /// Makes visits at the same time; `None` if their results take more than `room` bytes.
+    fn sweep(&self, visits: &[(u32, u32)], room: u64) -> Result<Option<Vec<Found>>> {
+        let trees: Vec<u32> = visits.iter().map(|&(_, placed)| placed).collect();
+        let held = AtomicU64::new(0);
+        let found = sweep(self.scene, &trees, self.policy, &|view, visit, left, found: &mut Found| {
+            let before = found.met.len();
+            let (ray, placed) = visits[visit];
+            let lacking = search(view, &self.rays[ray as usize], placed, left, found, |more| {
+                held.load(Relaxed) + ((more - before) * size_of::<Met>()) as u64 <= room
+            });
+            held.fetch_add(((found.met.len() - before) * size_of::<Met>()) as u64, Relaxed);
+            lacking
+        })?;
+        if let Some(refused) = found.iter().find(|found| found.is_refused) {
+            let bytes = (2 * refused.met.len() * size_of::<Met>()) as u64;
+            return Err(Error::NoMemory { what: CROSSINGS.into(), bytes });
+        }
+        Ok((held.into_inner() <= room).then_some(found))
+    }
+
+    /// The error that the crossings of a ray take too much memory; counts them all.
+    fn too_many(&self, ray: u32) -> Result<Error> {
+        let (mut entrances, mut count, mut left) = (Entrances::default(), 0, true);
+        let ray = &self.rays[ray as usize];
+        entrances.begin(self.scene, ray);
+        while left {
+            let trees: Vec<u32> = std::iter::from_fn(|| entrances.next(self.scene, ray)).take(VISITS).collect();
+            left = !trees.is_empty();
+            count += sweep(self.scene, &trees, self.policy, &|view, visit, left, count: &mut u64| {
+                view.through(ray, trees[visit], left, &mut |_, _, _, _| *count += 1);
+                Vec::new()
+            })?
+            .iter()
+            .sum::<u64>();
+        }
+        // The margin is for the room that a vector grows by.
+        let need = (count + 2) * size_of::<Met>() as u64 * SHARE;
+        let have = self.scene.context().memory_budget();
+        Ok(Error::OverBudget { what: format!("the {count} crossings of a single ray"), need: need.max(have + 1), have })
+    }
+
+    /// Answers the rays before `end`.
+    fn finish(&mut self, end: usize, take: TakeMet) {
+        while self.done < end {
+            let Open { met, is_complete } = &mut self.open;
+            sort(&self.scene.placement.placed, met);
+            take(self.first + self.done, met, *is_complete);
+            met.clear();
+            (*is_complete, self.done) = (true, self.done + 1);
+        }
+    }
+}
+
+/// Continues a visit of a ray to a placed tree. Returns the blocks of primitive ids that it lacks. `fits`: true if so
+/// many crossings have room; otherwise the visit ends without a result.
+fn search(
+    view: &SceneView,
+    ray: &Ray,
+    placed: u32,
+    left: &mut Descent,
+    found: &mut Found,
+    fits: impl Fn(usize) -> bool,
+) -> Vec<BlockId> {
+    let p = &view.scene.placement.placed[placed as usize];
+    let instance = view.scene.instances[p.instance as usize].id;
+    let parts = view.model_of(placed).parts();
+    let Found { met, is_refused, .. } = found;
+    view.through(ray, placed, left, &mut |hit, triangle, side, span| {
+        let t = distance(p, &triangle.vertices, ray, span);
+        // A crossing that has no room is noted, so that the caller learns of it.
+        if (ray.begins()..=ray.t_max).contains(&t) && fits(met.len()) {
+            if met.try_reserve(1).is_err() {
+                *is_refused = true;
+                return;
+            }
+            let part = p.first_part.saturating_add(triangle.part);
+            let id = parts.id(part as usize).unwrap_or(NONE);
+            let crossing = Crossing { part: id, instance, side, ..crossing(p, triangle, ray, t) };
+            met.push(Met { crossing, placed, part, block: hit.block, tri: hit.tri, is_known: false });
+        }
+    });
+    if !fits(met.len()) {
+        *left = Descent::default();
+        return Vec::new();
+    }
+    let tree = view.tree(placed);
+    let mut lacking = Vec::new();
+    for met in met.iter_mut().filter(|met| !met.is_known) {
+        match tree.prim(&TriHit { block: met.block, tri: met.tri, ..TriHit::none(0.0) }) {
+            Ok(prim) => {
+                met.crossing.prim = prim.map_or(NONE, u64::from);
+                (met.crossing.kind, met.is_known) = (HitKind::Exact, true);
+            }
+            Err(block) if lacking.last() != Some(&block) => lacking.push(block),
+            Err(_) => {}
+        }
+    }
+    found.is_short = !lacking.is_empty() || left.missing().next().is_some();
+    lacking
+}
+
+/// The crossing of a ray and a triangle at `t`, without ids.
+fn crossing(placed: &Placed, triangle: &Triangle, ray: &Ray, t: f64) -> Crossing {
+    let meeting = meet(placed, &triangle.vertices, ray, t);
+    Crossing {
+        // The sum makes one zero of both.
+        t: meeting.t + 0.0,
+        part: NONE,
+        instance: NONE,
+        prim: NONE,
+        normal: WorldNormal::new(placed, &triangle.vertices).facing(ray.dir),
+        uv: meeting.weights.map(|w| w as f32),
+        error: meeting.error(placed, ray),
+        side: Side::Front,
+        kind: HitKind::Missing,
+    }
+}
+
+/// Puts the crossings of a ray in order, each once.
+fn sort(placed: &[Placed], met: &mut Vec<Met>) {
+    keep_one_of_each(placed, met);
+    let key = |met: &Met| (met.crossing.part, met.crossing.instance, met.crossing.prim, met.placed, met.block, met.tri);
+    met.sort_unstable_by(|a, b| a.crossing.t.total_cmp(&b.crossing.t).then_with(|| key(a).cmp(&key(b))));
+}
+
+/// Removes the repetitions of triangles that are in several leaves of a tree, or in several trees of a divided mesh.
+fn keep_one_of_each(placed: &[Placed], met: &mut Vec<Met>) {
+    let tree = |met: &Met| placed[met.placed as usize].tree;
+    let triangle = |met: &Met| (met.crossing.instance, met.crossing.part, met.crossing.prim);
+    met.sort_unstable_by_key(|met| (triangle(met), tree(met), met.placed, met.block, met.tri));
+    // The first kept crossing of the triangle, and the first one in the same tree.
+    let (mut of_triangle, mut of_tree, mut kept) = (0, 0, 0);
+    for i in 0..met.len() {
+        let now = met[i];
+        if kept > 0 && triangle(&met[kept - 1]) == triangle(&now) {
+            let last = met[kept - 1];
+            if last.placed == now.placed && now.is_known {
+                continue;
+            }
+            if tree(&last) != tree(&now) {
+                of_tree = kept;
+            }
+            let is_beside = |other: &Met| placed[other.placed as usize].is_beside(&placed[now.placed as usize]);
+            if now.is_known && met[of_triangle..of_tree].iter().any(is_beside) {
+                continue;
+            }
+        } else {
+            (of_triangle, of_tree) = (kept, kept);
+        }
+        met[kept] = now;
+        kept += 1;
+    }
+    met.truncate(kept);
+}
