@@ -9,7 +9,7 @@ use crate::common::{models, scenes};
 use glam::{DAffine3, DQuat, DVec3};
 use outcrop::Error;
 use outcrop::build::BuildOptions;
-use outcrop::import::{MeshKey, PartDesc, Sink};
+use outcrop::import::{Attributes, MeshKey, PartDesc, Sink};
 use outcrop::math::Ray;
 use outcrop::query::{Crossing, HitKind, Policy, Side};
 use outcrop::scene::{Context, ContextOptions, Look, Model, Scene, SceneState};
@@ -73,12 +73,12 @@ fn halves_of_an_assembly_are_closed_where_they_meet() {
         }
         for (half, places) in [(low, [turned, moved]), (high, [turned, moved * turned])] {
             let mesh = builder.shared_mesh(1).expect("a mesh");
-            builder.triangles(mesh, 0, half, None).expect("triangles");
+            builder.triangles(mesh, 0, half, Attributes::NONE).expect("triangles");
             for (part, place) in places.into_iter().enumerate() {
                 builder.instance(mesh, place, part as u32).expect("an instance");
             }
         }
-        builder.triangles(MeshKey::DIRECT, 2, &ball, None).expect("triangles");
+        builder.triangles(MeshKey::DIRECT, 2, &ball, Attributes::NONE).expect("triangles");
     });
     let context = built::context(2);
     let model = Model::open(&context, &file.path).expect("a model");
@@ -151,7 +151,7 @@ fn a_part_that_is_built_in_chunks_is_closed() {
     let flags = |memory_budget, opens: bool| {
         let (file, report) = built::build_with(BuildOptions { threads: 2, memory_budget, ..built::options() }, |to| {
             let part = to.part(PartDesc::default()).expect("a part");
-            let mut push = |tris: &[Tri]| to.triangles(MeshKey::DIRECT, part, tris, None).expect("triangles");
+            let mut push = |tris: &[Tri]| to.triangles(MeshKey::DIRECT, part, tris, Attributes::NONE).expect("triangles");
             (0..12_500).for_each(|i| push(&cube(i)));
             // One without area has no border, one with area has.
             push(&[[DVec3::ZERO, DVec3::X, DVec3::X]]);

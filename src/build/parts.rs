@@ -155,7 +155,7 @@ mod tests {
             triangles,
             parts,
             prims: Vec::new(),
-            colours: Vec::new(),
+            values: super::super::values::Values::default(),
             fates: Default::default(),
             flat: Default::default(),
         };

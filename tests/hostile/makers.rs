@@ -132,7 +132,15 @@ pub fn file(path: &Path, blocks: &[Payload], fine: u32) {
         options: Options { sample_bytes: 8, ..Options::default() },
         ..Header::default()
     };
-    let part = PartRow { id: 1, name: "bomb".into(), parent: None, material: 0, bounds: header.bounds, triangles: 1 };
+    let part = PartRow {
+        id: 1,
+        name: "bomb".into(),
+        parent: None,
+        material: 0,
+        bounds: header.bounds,
+        triangles: 1,
+        flags: 0,
+    };
     let material = MaterialRow { colour: [0.5; 3], opacity: 1.0, metalness: 0.0, roughness: 0.6 };
     let tree = TreeRow {
         block_count: count,

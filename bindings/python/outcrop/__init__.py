@@ -25,7 +25,7 @@ from ._abi import OC_ALL_THREADS as ALL_THREADS
 from ._abi import OC_HEADER_VERSION as HEADER_VERSION
 from ._abi import OC_NO_ID as NO_ID
 from ._abi import OC_NO_INDEX as NO_INDEX
-from ._arrays import HIT, OVERLAP, PLANE, RAY, TRIANGLE, empty_hits, rays
+from ._arrays import CROSSING, HIT, OVERLAP, PART_AT, PLANE, RAY, TRIANGLE, empty_hits, rays
 from ._build import Build, BuildJob, BuildReport, Resolver
 from ._context import Context
 from ._enums import *  # noqa: F403
@@ -40,12 +40,14 @@ from ._library import __version__, library_path
 from ._meshes import Mesh
 from ._model import Model
 from ._queries import Hit
+from ._ragged import Ragged
 from ._scene import Scene
 from ._values import *  # noqa: F403
 
 __all__ = [
-    "ALL_THREADS", "HEADER_VERSION", "HIT", "NO_ID", "NO_INDEX", "OVERLAP", "PLANE", "RAY", "TRIANGLE", "ArgumentError", "Build",
+    "ALL_THREADS", "CROSSING", "HEADER_VERSION", "HIT", "NO_ID", "NO_INDEX", "OVERLAP", "PART_AT", "PLANE", "RAY",
+    "TRIANGLE", "ArgumentError", "Build",
     "BuildJob", "BuildReport", "Cancelled", "Context", "Error", "Frame", "Hit", "InputError", "InternalError", "Job",
-    "LimitError", "MachineError", "Mesh", "Model", "Picture", "Reader", "Resolver", "Scene", "StateError",
+    "LimitError", "MachineError", "Mesh", "Model", "Picture", "Ragged", "Reader", "Resolver", "Scene", "StateError",
     "VersionError", "__version__", "empty_hits", "library_path", "live", "rays", *_enums.__all__, *_values.__all__,
 ]

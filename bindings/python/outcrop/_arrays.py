@@ -37,6 +37,10 @@ RAY = dtype_of(_abi.oc_ray)
 """dtype of a ray: origin, t_min, t_max, direction, cone_a, cone_b, mask. See `Ray`."""
 HIT = dtype_of(_abi.oc_hit)
 """dtype of a hit: t, position, t_free, part, instance, prim, normal, uv, error, kind. See `Hit`."""
+CROSSING = dtype_of(_abi.oc_crossing)
+"""dtype of a crossing: t, part, instance, prim, normal, uv, error, side, kind. See `Crossing`."""
+PART_AT = dtype_of(_abi.oc_part_at)
+"""dtype of a part at a point: instance, part, winding, holds. See `PartAt`."""
 OVERLAP = dtype_of(_abi.oc_overlap)
 """dtype of a part that intersects a volume: instance, part, kind. See `Overlap`."""
 TRIANGLE = numpy.dtype({

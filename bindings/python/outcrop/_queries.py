@@ -9,12 +9,15 @@ import numpy
 from numpy.typing import ArrayLike, NDArray
 
 from . import _abi, _values
-from ._arrays import HIT, OVERLAP, PLANE, RAY, TRIANGLE, Array, address, elements, floats, given, rays, stride_of
-from ._enums import HitKind, QueryFlags, Status, Want
-from ._errors import StateError
+from ._arrays import (
+    CROSSING, HIT, OVERLAP, PART_AT, PLANE, RAY, TRIANGLE, Array, address, elements, floats, given, rays, stride_of,
+    vectors,
+)
+from ._enums import HitKind, QueryFlags, Want
 from ._handles import Handle, made
 from ._jobs import Job
 from ._library import lib
+from ._ragged import Ragged, gather, tolerate_small
 from ._value import Vector, numbers, whole
 from ._values import Camera, Progress
 
@@ -136,6 +139,54 @@ class Queries(Handle):
         lib.oc_scene_triangles(self._h, address(array), array.size, stride_of("hits", array), address(found))
         return found
 
+    def crossings(self, origins: ArrayLike | Array, directions: ArrayLike | None = None, *, coherent: bool = False,
+                  now: bool = False, **members: Any) -> Ragged:
+        """Returns all surfaces that each ray crosses, nearest first, coincident ones too.
+
+        Arguments as for `closest`. The result is a list for each ray, of dtype CROSSING: `result[i]`. Rays of several
+        dimensions are counted in one.
+        """
+        batch = _Batch(origins, directions, Want.ALL, coherent, now, members)
+        if not batch.rays.flags.c_contiguous and batch.rays.ndim > 1:
+            raise ValueError(f"rays: {given(batch.rays)} must be contiguous")
+        all_rays = batch.rays.reshape(-1)
+
+        def call(part: slice, found: Array, ends: Array, complete: Array) -> int:
+            batch.struct.rays, batch.struct.count = address(all_rays[part]), part.stop - part.start
+            count = c.c_uint64()
+            tolerate_small(lambda: lib.oc_scene_crossings(
+                self._h, c.byref(batch.struct), address(found), len(found), address(ends), address(complete),
+                c.byref(count)))
+            return count.value
+
+        return gather(call, len(all_rays), CROSSING)
+
+    def parts_at(self, points: ArrayLike) -> Ragged:
+        """Returns the visible parts that hold each point, of dtype PART_AT: `result[i]`.
+
+        points: (N, 3), world space.
+        """
+        array = numpy.ascontiguousarray(vectors("points", points), numpy.float64)
+
+        def call(part: slice, found: Array, ends: Array, _complete: Array) -> int:
+            count = c.c_uint64()
+            tolerate_small(lambda: lib.oc_scene_parts_at(
+                self._h, address(array[part]), part.stop - part.start, 0, address(found), len(found), address(ends),
+                c.byref(count)))
+            return count.value
+
+        return gather(call, len(array), PART_AT)
+
+    def thickness(self, hits: Array) -> NDArray[numpy.float64]:
+        """Returns how thick the parts are at hits of `closest`: the distance straight into the part to its other side.
+
+        Infinite for a miss, and where there is no other side.
+        """
+        elements("hits", hits, HIT, "HIT")
+        distances = numpy.empty(hits.shape, numpy.float64)
+        lib.oc_scene_thickness(self._h, address(hits), hits.size, stride_of("hits", hits), address(distances), 0)
+        return distances
+
     def overlap_box(self, low: Vector, high: Vector) -> Array:
         """Returns the visible parts that intersect a box, as an array of dtype OVERLAP. The test is exact."""
         corners = numbers("low", low, c.c_double, 3), numbers("high", high, c.c_double, 3)
@@ -160,11 +211,8 @@ class Queries(Handle):
         count, capacity = c.c_uint64(), 0
         found = numpy.empty(0, OVERLAP)
         while True:
-            try:
-                call(self._h, *volume, address(found), capacity, c.byref(count))
-            except StateError as error:
-                if error.status != Status.BUFFER_TOO_SMALL:
-                    raise
+            room = capacity
+            tolerate_small(lambda: call(self._h, *volume, address(found), room, c.byref(count)))
             if count.value <= capacity:
                 return found[:count.value]
             capacity = count.value

@@ -122,6 +122,32 @@ def test_closest_and_any(three: outcrop.Scene) -> None:
     assert misses["kind"].tolist() == [outcrop.HitKind.MISS]
 
 
+def test_crossings_and_points_inside(three: outcrop.Scene) -> None:
+    along = outcrop.rays([(-5, 0.1, 0.2), (-5, 9, 9), (2.1, 0.1, 9)], [(1, 0, 0), (1, 0, 0), (0, 0, -1)])
+    found = three.crossings(along)
+    assert len(found) == 3 and found.counts.tolist() == [6, 0, 2] and found.complete.all()
+    assert found[0]["part"].tolist() == [1, 1, 2, 2, 3, 3] and found[0].dtype == outcrop.CROSSING
+    assert found[0]["side"].tolist() == 3 * [outcrop.Side.FRONT, outcrop.Side.BACK]
+    assert numpy.array_equal(found[-1], found[2]) and [len(one) for one in found] == [6, 0, 2]
+    with pytest.raises(IndexError):
+        found[3]
+    many = three.crossings(numpy.repeat(along, 70_000))
+    assert many.counts.sum() == 8 * 70_000 and numpy.array_equal(many[100]["t"], found[0]["t"])
+    assert len(three.crossings(numpy.empty(0, outcrop.RAY)).elements) == 0
+
+    held = three.parts_at([(2.1, 0.1, 0.1), (9, 9, 9), (6.1, 0.1, 0.1)])
+    assert [one["part"].tolist() for one in held] == [[1], [], [3]] and held[0]["winding"].tolist() == [1]
+    assert held[0]["holds"].tolist() == [outcrop.Holds.INSIDE]
+    with pytest.raises(ValueError, match=r"points: expected shape \(N, 3\)"):
+        three.parts_at([1.0, 2.0])
+
+    hits = three.closest(along)
+    thick = three.thickness(hits)
+    assert numpy.isinf(thick[1]) and 0 < thick[0] < 1
+    with pytest.raises(TypeError, match="hits: expected an array of dtype outcrop.HIT"):
+        three.thickness(thick)
+
+
 def test_overlaps(three: outcrop.Scene) -> None:
     found = three.overlap_box((1.9, -1, -1), (4.5, 2, 2))
     assert found.dtype == outcrop.OVERLAP and found["part"].tolist() == [1, 2]
