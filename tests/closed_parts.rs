@@ -151,7 +151,8 @@ fn a_part_that_is_built_in_chunks_is_closed() {
     let flags = |memory_budget, opens: bool| {
         let (file, report) = built::build_with(BuildOptions { threads: 2, memory_budget, ..built::options() }, |to| {
             let part = to.part(PartDesc::default()).expect("a part");
-            let mut push = |tris: &[Tri]| to.triangles(MeshKey::DIRECT, part, tris, Attributes::NONE).expect("triangles");
+            let mut push =
+                |tris: &[Tri]| to.triangles(MeshKey::DIRECT, part, tris, Attributes::NONE).expect("triangles");
             (0..12_500).for_each(|i| push(&cube(i)));
             // One without area has no border, one with area has.
             push(&[[DVec3::ZERO, DVec3::X, DVec3::X]]);
