@@ -182,7 +182,8 @@ fn chamfers_stay_edges() {
     assert!(hits(&built, &rays(5000, [3.0, 0.9])).iter().any(|hit| hit.shading_normal.dot(hit.normal) < 0.99));
 }
 
-/// Made in chunks the normals are those of the whole, up to the digits of a block.
+/// Made in chunks the normals are those of the whole (`build::normals`, to the bit), up to the digits of a leaf, which
+/// depend on the other normals in it.
 #[test]
 fn chunks_leave_no_seams() {
     let tris = scenes::bumpy_sphere(300, 500, 2);
@@ -198,7 +199,7 @@ fn chunks_leave_no_seams() {
     }
     let mean = sum / rays.len() as f64;
     println!("worst {worst:.3} degrees, mean {mean:.4}");
-    assert!(worst < 0.8 && mean < 0.06, "worst {worst}, mean {mean}");
+    assert!(worst < 1.3 && mean < 0.1, "worst {worst}, mean {mean}");
 }
 
 /// Bytes of the normals in memory for each triangle.

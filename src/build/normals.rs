@@ -150,7 +150,7 @@ struct Spoke {
     corner: Corner,
     /// Unit normal of its triangle.
     across: Vec3,
-    /// The triangle's angle at the vertex.
+    /// The triangle's angle at the vertex; 0 if an earlier one is the same triangle.
     angle: f32,
     /// Number of the group, as the index of one of its spokes.
     group: u32,
@@ -163,6 +163,8 @@ struct Fan {
     /// The other ends of the edges at the vertex, and the spokes that they belong to.
     ends: Vec<([u32; 3], u32)>,
     sums: Vec<Vec3>,
+    /// The other two corners of each spoke's triangle, and the spoke.
+    others: Vec<([[u32; 3]; 2], u32)>,
 }
 
 impl Maker<'_> {
@@ -206,8 +208,24 @@ impl Maker<'_> {
             if of_vertex.len() > 1 && of_vertex.iter().any(|(.., corner)| (*corner as usize) < self.out.len()) {
                 fan.spokes.clear();
                 fan.spokes.extend(of_vertex.iter().map(|(.., corner)| self.spoke(Corner(*corner))));
+                self.count_once(&mut fan);
                 self.vertex(&mut fan);
             }
+        }
+    }
+
+    /// Takes the weight of triangles that lie, corner by corner, on an earlier one: however often a face was stored, it
+    /// counts once.
+    fn count_once(&self, fan: &mut Fan) {
+        let Fan { spokes, others, .. } = fan;
+        others.clear();
+        others.extend(spokes.iter().enumerate().map(|(i, spoke)| {
+            let [_, next, last] = self.around(spoke.corner);
+            ([key(next), key(last)], i as u32)
+        }));
+        others.sort_unstable();
+        for of_face in others.chunk_by(|a, b| a.0 == b.0) {
+            of_face[1..].iter().for_each(|(_, i)| spokes[*i as usize].angle = 0.0);
         }
     }
 

@@ -63,6 +63,8 @@ pub(crate) struct Scratch {
     pub(super) plain: Plain,
     pub(super) shading: Box<Shading>,
     found: [Found; PACKET],
+    /// Surfaces of the present layer, while no packet uses them.
+    surfaces: Option<Box<[Option<Surface>; PACKET]>>,
     pub(super) shadow: Box<ScenePacket>,
     pub wants: Wants,
     pub first: First,
@@ -76,6 +78,7 @@ impl Scratch {
             plain: Plain::default(),
             shading: Box::default(),
             found: [Found::nothing(0.0); PACKET],
+            surfaces: None,
             shadow: Box::default(),
             wants: Wants::default(),
             first: First::NOTHING,
@@ -298,7 +301,8 @@ impl Direct<'_> {
             if active == 0 {
                 break;
             }
-            let mut surfaces: [Option<Surface>; PACKET] = std::array::from_fn(|_| None);
+            let mut surfaces = scratch.surfaces.take().unwrap_or_else(|| Box::new([const { None }; PACKET]));
+            surfaces.fill_with(|| None);
             let Scratch { found, wants, first: seen, .. } = &mut *scratch;
             stand_in::ask_for(&self.view, found, active);
             let near = lanes.near(&self.view, found, active);
@@ -315,6 +319,7 @@ impl Direct<'_> {
                 }
             }
             self.light(&lanes.rays, &surfaces, active, scratch)?;
+            let surfaces = &*scratch.surfaces.insert(surfaces);
             for i in bits(active) {
                 let Some(surface) = &surfaces[i] else {
                     let found = &scratch.found[i];
