@@ -209,6 +209,13 @@ fn a_host_resolves_names_and_limits_builds() {
 }
 
 #[test]
+fn normals_and_colours_of_vertices_are_interpolated() {
+    let dir = temp();
+    let sanitized = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"];
+    run_program(&program(dir.path(), "normals.c", &sanitized), dir.path());
+}
+
+#[test]
 fn misuse_comes_back_as_statuses() {
     let dir = temp();
     let sanitized = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"];

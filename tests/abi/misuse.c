@@ -291,6 +291,17 @@ static void contents_of_builds(oc_context *c) {
     t.index_count = 12, t.position_count = 3;
     INVALID(oc_build_add_triangles(b, &t)); /* index 3 of 3 corners */
     CHECK(strstr(oc_last_error(), "indices[5] is 3"));
+    float values[12] = {0};
+    t.position_count = 4, t.normals = values, t.normal_stride = 8;
+    INVALID(oc_build_add_triangles(b, &t)); /* below a normal */
+    t.normal_stride = UINT64_MAX;
+    INVALID(oc_build_add_triangles(b, &t));
+    t.normal_stride = 0, t.position_colours = values, t.position_colour_stride = 11;
+    INVALID(oc_build_add_triangles(b, &t));
+    t.position_colour_stride = 0, t.colours = values;
+    INVALID(oc_build_add_triangles(b, &t)); /* colours of both kinds */
+    CHECK(strstr(oc_last_error(), "position_colours"));
+    t.colours = t.position_colours = t.normals = NULL;
     /* Sizes whose product overflows, or that no address space holds. */
     t.indices = NULL, t.index = OC_INDEX_NONE, t.position_count = UINT64_MAX / 3;
     INVALID(oc_build_add_triangles(b, &t));
