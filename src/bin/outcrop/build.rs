@@ -125,9 +125,11 @@ fn as_json(file: &str, r: &BuildReport) -> Value {
         "chunks": r.chunks,
         "bytes": r.bytes,
         "bytes_ids": r.bytes_ids,
+        "bytes_normals": r.bytes_normals,
         "bytes_trace": r.bytes_trace,
         "bytes_temporary": r.bytes_temporary,
         "position_error": r.position_error,
+        "unusable_normals": r.unusable_normals,
         "notes": r.notes,
         "seconds": {
             "read": r.seconds.read, "distribute": r.seconds.distribute, "build": r.seconds.build,
@@ -151,9 +153,13 @@ fn as_text(file: &str, r: &BuildReport) -> String {
     let sizes = match r.triangles_kept {
         0 => String::new(),
         n => format!(
-            " ({}, of which {:.1} are primitive ids); {} in memory\n{:.2} references per triangle{}",
+            " ({}, of which {:.1} are primitive ids{}); {} in memory\n{:.2} references per triangle{}",
             each(r.bytes, n),
             r.bytes_ids as f64 / n as f64,
+            match r.bytes_normals {
+                0 => String::new(),
+                bytes => format!(" and {:.1} normals", bytes as f64 / n as f64),
+            },
             each(r.bytes_trace, n),
             r.references as f64 / n as f64,
             if r.spatial_splits { " (spatial splits)" } else { "" },
