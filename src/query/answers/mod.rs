@@ -9,7 +9,7 @@ pub(crate) mod stand_in;
 mod triangle;
 
 pub(crate) use meeting::{distance, meet};
-pub(crate) use shading::{shading_normal, weights, world_unit};
+pub(crate) use shading::{shading_normal, turned_to, weights, world_corners};
 pub(crate) use triangle::WorldNormal;
 
 use super::hit::{Hit, HitKind, NONE, Want};
@@ -21,6 +21,7 @@ use crate::simd::Isa;
 use crate::structure::surface::Groups;
 use crate::structure::{Rooted, Tree, TriHit};
 use glam::Vec3;
+use shading::Corners;
 use stand_in::StandIns;
 use triangle::Triangles;
 
@@ -99,6 +100,7 @@ pub(crate) struct Seen<const N: usize> {
     triangles: Triangles<N>,
     stand_ins: StandIns<N>,
     groups: Groups<N>,
+    corners: Corners<N>,
 }
 
 impl<const N: usize> Default for Seen<N> {
@@ -124,7 +126,8 @@ impl Rest {
 }
 
 impl<const N: usize> Seen<N> {
-    pub const NONE: Self = Self { triangles: Triangles::NONE, stand_ins: StandIns::NONE, groups: Groups::NONE };
+    pub const NONE: Self =
+        Self { triangles: Triangles::NONE, stand_ins: StandIns::NONE, groups: Groups::NONE, corners: Corners::NONE };
 
     /// Loads the data of the hits of `rays`; `dir` gives the rays' directions in the world. Returns the rays whose
     /// hits' blocks have left the snapshot. `normals` requests the normals of triangles; `is_whole`: see
@@ -341,40 +344,40 @@ impl<const N: usize> Seen<N> {
                 rest.lacking |= group;
                 continue;
             };
+            let corners = normals.map(|normals| world_corners(at.placed, &normals));
             let across = self.triangles.normal(column);
             for i in bits(group) {
                 let (facing, hit) = (across.facing(rays[i].dir), hits.hit(i));
                 out[i].shading_normal =
-                    normals.map_or(facing, |normals| shading_normal(at.placed, &normals, [hit.u, hit.v], facing));
+                    corners.map_or(facing, |corners| shading_normal(&corners, [hit.u, hit.v], facing));
             }
         }
     }
 
-    /// Writes the shading normals of triangle hits over the geometric normals in `normals`, where there are others.
-    /// `dir` holds the rays' unit directions. Returns false if a block of normals is not in memory.
+    /// Writes the shading normals of triangle hits, turned to the eye, over the geometric normals in `normals`, where
+    /// there are others. `dir` holds the rays' unit directions. Returns false if a block of normals is not in memory.
     pub fn smooth(
-        &self,
+        &mut self,
         at: &InTree,
         dir: &[[f32; N]; 3],
         hits: &(impl TreeHits<N> + ?Sized),
-        turn: impl Fn(Vec3, Vec3) -> Vec3,
         normals: &mut [[f32; N]; 3],
     ) -> bool {
         let tree = at.tree();
+        self.corners.clear();
         for group in &self.groups.rays[..self.groups.count] {
             let Some(first) = bits(*group).next() else { continue };
-            let of_corners = match tree.normals(&hits.hit(first)) {
-                Ok(Some(of_corners)) => of_corners,
+            let corners = match tree.normals(&hits.hit(first)) {
+                Ok(Some(normals)) => world_corners(at.placed, &normals),
                 Ok(None) => continue,
                 Err(_) => return false,
             };
             for i in bits(*group) {
-                let (hit, facing) = (hits.hit(i), Vec3::new(normals[0][i], normals[1][i], normals[2][i]));
-                let normal = shading_normal(at.placed, &of_corners, [hit.u, hit.v], facing);
-                let normal = turn(normal, -Vec3::new(dir[0][i], dir[1][i], dir[2][i]));
-                (normals[0][i], normals[1][i], normals[2][i]) = (normal.x, normal.y, normal.z);
+                let hit = hits.hit(i);
+                self.corners.set(i, &corners, [hit.u, hit.v]);
             }
         }
+        self.corners.replace(tree.isa(), dir, normals);
         true
     }
 

@@ -8,7 +8,6 @@
 use super::direct::{AT_EYE, Asks, DOWN, Direct, Pixels, Scratch, rows_of};
 use super::first::First;
 use super::shading::{Row, Shading, Vectors};
-use super::smooth::seen_from;
 use crate::math::DBounds;
 use crate::math::bits;
 use crate::math::{BUNDLE, PACKET};
@@ -212,7 +211,7 @@ impl<'v> Direct<'v> {
         if self.asks.normals {
             rows.normal = shading.normal;
         }
-        if at.tree().has_normals() && !seen.smooth(&at, &rows.dir, &*group, seen_from, &mut shading.normal) {
+        if at.tree().has_normals() && !seen.smooth(&at, &rows.dir, &*group, &mut shading.normal) {
             return Outcome::Met(met);
         }
         let mut left = met;

@@ -1,27 +1,16 @@
 //! Smooth surfaces: shading by the normals of the corners, and the shadow rays of coarse facets.
 
 use super::direct::Direct;
-use crate::query::answers::{shading_normal, weights, world_unit};
+use crate::query::answers::{shading_normal, turned_to, weights, world_corners};
 use crate::scene::placed::Placed;
 use crate::structure::Triangle;
 use glam::{DVec3, Vec3};
-
-/// Least cosine between a shading normal and the direction to the eye. A normal that faces away from the eye, as at the
-/// outline of coarse facets, would make the surface black.
-const LEAST: f32 = 1.0 / 64.0;
-
-/// Turns a shading normal towards the eye if it faces away. `to_eye` is the unit direction to the eye.
-#[inline(always)]
-pub(super) fn seen_from(normal: Vec3, to_eye: Vec3) -> Vec3 {
-    let lacking = LEAST - normal.dot(to_eye);
-    if lacking <= 0.0 { normal } else { (normal + to_eye * lacking).normalize() }
-}
 
 /// A point of a triangle whose corners have normals.
 pub(super) struct Smooth<'a> {
     pub placed: &'a Placed,
     pub triangle: &'a Triangle,
-    /// Normals of the corners in the tree's frame.
+    /// Normals of the corners in the world.
     pub normals: [Vec3; 3],
     /// Weights of the second and third corner.
     pub uv: [f32; 2],
@@ -29,11 +18,15 @@ pub(super) struct Smooth<'a> {
     pub facing: Vec3,
 }
 
-impl Smooth<'_> {
+impl<'a> Smooth<'a> {
+    /// A point of a triangle; `normals`: those of the corners in the tree's frame.
+    pub fn new(placed: &'a Placed, triangle: &'a Triangle, normals: &[Vec3; 3], uv: [f32; 2], facing: Vec3) -> Self {
+        Self { placed, triangle, normals: world_corners(placed, normals), uv, facing }
+    }
     /// The unit shading normal.
     pub fn normal(&self, dir: Vec3) -> Vec3 {
-        let normal = shading_normal(self.placed, &self.normals, self.uv, self.facing);
-        seen_from(normal, -dir.normalize_or_zero())
+        let normal = shading_normal(&self.normals, self.uv, self.facing);
+        turned_to(normal, -dir.normalize_or_zero())
     }
 
     /// Returns the point above `position` from which shadow rays begin: on the surface that the planes across the
@@ -42,7 +35,7 @@ impl Smooth<'_> {
     pub fn raised(&self, position: DVec3) -> DVec3 {
         let mut raise = DVec3::ZERO;
         for ((corner, normal), weight) in self.triangle.vertices.iter().zip(&self.normals).zip(weights(self.uv)) {
-            let Some(normal) = world_unit(self.placed, *normal) else { continue };
+            let Some(normal) = normal.try_normalize() else { continue };
             let normal = if normal.dot(self.facing) < 0.0 { -normal } else { normal };
             let above = (position - self.placed.world_point(corner.as_dvec3())).dot(normal.as_dvec3());
             raise -= normal.as_dvec3() * (above.min(0.0) * f64::from(weight));

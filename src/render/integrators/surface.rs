@@ -137,7 +137,7 @@ impl Direct<'_> {
             }
         };
         let material = self.material(found.placed, part, own)?;
-        let smooth = normals.map(|normals| Smooth { placed, triangle: &triangle, normals, uv, facing: normal });
+        let smooth = normals.map(|normals| Smooth::new(placed, &triangle, &normals, uv, normal));
         let shading = smooth.as_ref().map_or(normal, |smooth| smooth.normal(ray.dir));
         if let Some(seen) = seen {
             // The place is exact, but the light is not yet.
