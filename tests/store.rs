@@ -445,7 +445,7 @@ prop_compose! {
     ) -> Vec<PartRow> {
         rows.into_iter().enumerate().map(|(i, (id, name, parent, bounds))| PartRow {
             // Readers leave out characters NUL.
-            id, name: name.replace('\0', ""), bounds, material: (id % 3) as u32, triangles: id >> 9, flags: (id % 4) as u32,
+            id, name: name.replace('\0', ""), bounds, material: (id % 3) as u32, triangles: id >> 9, flags: [0, 1, 3][(id % 3) as usize],
             parent: (i > 0 && id % 2 == 0).then(|| parent.index(i.max(1)) as u32),
         }).collect()
     }
