@@ -181,6 +181,48 @@ fn two_files_make_one_model_and_cameras_are_free() {
     fails(dir, &["render", "m.oc", "-o", "m.png", "--up", "0,1,0"], 2, "--eye");
 }
 
+/// A closed tetrahedron with an open triangle behind it.
+#[test]
+fn crossings_are_listed_with_the_parts_around_the_start() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let corners = "v 0 0 0\nv 4 0 0\nv 0 4 0\nv 0 0 4\nv 9 -9 -9\nv 9 9 0\nv 9 -9 9\n";
+    let faces = "o solid\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\no sheet\nf 5 6 7\n";
+    std::fs::write(dir.join("m.obj"), format!("{corners}{faces}")).unwrap();
+    json(dir, &["build", "m.obj", "-o", "m.oc"]);
+    let ray = ["crossings", "m.oc", "--ray", "-1", "0.5", "0.5", "2", "0", "0"];
+    let all = json(dir, &ray);
+    let crossings = all["crossings"].as_array().unwrap();
+    let seen: Vec<_> = crossings
+        .iter()
+        .map(|c| (c["t"].as_f64().unwrap(), c["side"].as_str().unwrap(), c["name"].as_str().unwrap()))
+        .collect();
+    assert_eq!(seen, [(0.5, "front", "solid"), (2.0, "back", "solid"), (5.0, seen[2].1, "sheet")]);
+    assert_eq!(crossings[0]["normal"], serde_json::json!([-1.0, 0.0, 0.0]));
+    assert_eq!(crossings.iter().map(|c| c["prim"].as_u64().unwrap()).collect::<Vec<_>>(), [2, 3, 4]);
+    assert_eq!(all["inside"], serde_json::json!([]));
+    // From inside, with the words.
+    let ray = ["crossings", "m.oc", "--ray", "1", "0.5", "0.5", "-1", "0", "0", "--memory", "64M"];
+    let inside = json(dir, &ray)["inside"].clone();
+    assert_eq!((&inside[0]["name"], &inside[0]["winding"]), (&serde_json::json!("solid"), &serde_json::json!(1)));
+    assert_eq!((&inside[0]["decided"], &inside[1]), (&serde_json::json!(true), &serde_json::Value::Null));
+    let text = String::from_utf8(outcrop(dir, &ray).stdout).unwrap();
+    let lines: Vec<_> = text.lines().collect();
+    assert!(lines.len() == 3 && lines[0].starts_with("starts in part"), "{text}");
+    assert!(lines[1].starts_with("1\tback\tpart") && lines[1].ends_with("\"solid\"\ttriangle 2"), "{text}");
+    assert_eq!(lines[2], "1 crossing");
+    // Past everything.
+    let past = json(dir, &["crossings", "m.oc", "--ray", "-1", "50", "0", "1", "0", "0"]);
+    assert_eq!(past["crossings"], serde_json::json!([]));
+    let numbers = |last: [&'static str; 3]| [&["crossings", "m.oc", "--ray", "0", "0", "0"][..], &last].concat();
+    fails(dir, &numbers(["0", "0", "0"]), 2, "direction is zero");
+    fails(dir, &numbers(["1", "nan", "0"]), 2, "expected a finite number");
+    fails(dir, &["crossings", "m.oc", "--ray", "0", "0", "0", "1", "0"], 2, "6 values");
+    fails(dir, &["crossings", "m.oc"], 2, "--ray");
+    fails(dir, &["crossings", "no.oc", "--ray", "0", "0", "0", "1", "0", "0"], 1, "no.oc");
+    fails(dir, &["crossings", "m.oc", "--ray", "0", "0", "0", "1", "0", "0", "--memory", "1"], 1, "budget");
+}
+
 #[test]
 fn each_verb_has_help() {
     let dir = tempfile::tempdir().unwrap();

@@ -1,17 +1,20 @@
 //! Closed parts, in models that are assembled, divided into trees, built out of core, cold, or of a CAD system: the
 //! flags of parts, and crossings that are even.
 
-use crate::common::brute::Tri;
+use crate::common::asked::ask;
+use crate::common::brute::{self, Ray64, Tri};
 use crate::common::built::{self, Part};
 use crate::common::closed::twelve;
 use crate::common::rng::Rng;
 use crate::common::{models, scenes};
 use glam::{DAffine3, DQuat, DVec3};
 use outcrop::Error;
+use outcrop::base::progress::Cancel;
 use outcrop::build::BuildOptions;
+use outcrop::import::generate::{GenerateOptions, generate};
 use outcrop::import::{Attributes, MeshKey, PartDesc, Sink};
-use outcrop::math::Ray;
-use outcrop::query::{Crossing, HitKind, Policy, Side};
+use outcrop::math::{DBounds, Ray};
+use outcrop::query::{Crossing, HitKind, PartAt, PartOverlap, Policy, QueryOptions, Side, StoredTriangle};
 use outcrop::scene::{Context, ContextOptions, Look, Model, Scene, SceneState};
 use std::collections::BTreeMap;
 
@@ -167,7 +170,20 @@ fn a_part_that_is_built_in_chunks_is_closed() {
     assert_eq!(flags(32 << 20, true), (false, false, true));
 }
 
-/// Rays that lack blocks: the same answer in any budget, or an incomplete one at once.
+/// The answers to the other questions that visit trees: parts that meet a box, parts at points, and thicknesses.
+type Others = (Vec<PartOverlap>, Vec<Vec<PartAt>>, Vec<f64>);
+
+fn others(scene: &SceneState, rays: &[Ray]) -> Others {
+    let bounds = scene.bounds();
+    let met = scene.overlap_box(&DBounds { max: bounds.center(), ..bounds }).expect("parts");
+    let mut at = Vec::new();
+    let points: Vec<DVec3> = rays.iter().map(|ray| ray.origin + ray.dir.as_dvec3() * 1.01).collect();
+    scene.parts_at(&points, &mut |_, parts| at.push(parts.to_vec())).expect("parts");
+    let hits = ask(scene, rays, QueryOptions::default());
+    (met, at, scene.thickness(&hits).expect("thicknesses"))
+}
+
+/// Rays that lack blocks: the same answer in any budget, the least one included, or an incomplete one at once.
 #[test]
 fn cold_models_give_the_same_crossings() {
     let closed = twelve().into_iter().find(|closed| closed.name == "mandelbulb").expect("a model");
@@ -183,10 +199,12 @@ fn cold_models_give_the_same_crossings() {
     let rays = rays_to(&whole, 600, 50.0);
     let (scene, _) = built::scene(&built::context(2), &file);
     let expected = crossings(&scene.state(), &rays, Policy::Exact);
+    let others_expected = others(&scene.state(), &rays);
+    assert!(others_expected.1.iter().flatten().count() > 20 && others_expected.2.iter().any(|t| t.is_finite()));
     let small = Context::new(ContextOptions { memory_budget: 1 << 16, ..Default::default() }).expect("a context");
     let Err(Error::OverBudget { need: least, .. }) = Model::open_cold(&small, &file.path) else { panic!("too small") };
-    for budget in [0, least + (1 << 20)] {
-        for threads in [0, 2] {
+    for budget in [0, least] {
+        for threads in [0, 1, 2] {
             let options = ContextOptions { threads, memory_budget: budget, read_ahead: false, ..Default::default() };
             let context = Context::new(options).expect("a context");
             let model = Model::open_cold(&context, &file.path).expect("a model");
@@ -202,6 +220,7 @@ fn cold_models_give_the_same_crossings() {
             };
             assert!(now.iter().zip(&expected).filter(|both| is_short(*both)).count() > 200);
             assert!(crossings(&scene.state(), &rays, Policy::Exact) == expected, "{budget}, {threads}");
+            assert!(others(&scene.state(), &rays) == others_expected, "{budget}, {threads}");
         }
     }
 }
@@ -279,4 +298,79 @@ fn an_assembly_of_a_cad_system_is_crossed_evenly() {
         })
         .collect();
     assert!(check_even(&scene.state(), &[(7, &model)], &rays) > 1000);
+    let found = crossings(&scene.state(), &rays, Policy::Exact);
+    let stepped = hits_in_steps(&scene.state(), &rays);
+    let other = found.iter().zip(&stepped).filter(|(found, stepped)| (found.0.len() + **stepped) % 2 == 1).count();
+    let met = found.iter().filter(|found| !found.0.is_empty()).count();
+    println!("{met} rays cross the assembly; stepping from hit to hit has another parity in {other}");
+    assert!(other > 0, "stepping loses coincident faces");
+}
+
+/// Numbers of the hits of each ray, each of which is traced again from behind its last hit.
+fn hits_in_steps(scene: &SceneState, rays: &[Ray]) -> Vec<usize> {
+    let mut counts = vec![0; rays.len()];
+    let mut left: Vec<(usize, Ray)> = rays.iter().copied().enumerate().collect();
+    while !left.is_empty() {
+        let now: Vec<Ray> = left.iter().map(|it| it.1).collect();
+        let hits = ask(scene, &now, QueryOptions::default());
+        for ((i, ray), hit) in left.iter_mut().zip(&hits) {
+            counts[*i] += usize::from(hit.kind == HitKind::Exact);
+            ray.t_min = if hit.kind == HitKind::Exact { hit.t.next_up() } else { f64::NAN };
+        }
+        left.retain(|(_, ray)| ray.t_min.is_finite());
+    }
+    counts
+}
+
+/// The generated soup of triangles: no part is closed, and thicknesses are those of brute force.
+#[test]
+fn parts_of_a_soup_are_not_closed() {
+    let size = GenerateOptions { triangles: 100_000, seed: 0 };
+    let file = built::build(|to| {
+        generate("airliner", &size, &Cancel::new(), to).expect("triangles");
+    });
+    let (scene, model) = built::scene(&built::context(2), &file);
+    let flags: Vec<_> = model.parts().iter().map(|part| (part.is_closed, part.triangles)).collect();
+    let of = |closed: bool| flags.iter().filter(|(is, triangles)| *is == closed && *triangles > 0).count();
+    println!("{} parts of {} are closed", of(true), of(true) + of(false));
+    assert_eq!(of(true), 0, "each corner of each triangle is moved by its own random numbers");
+    let bounds = model.info().bounds;
+    let mut rng = Rng::new(4);
+    let rays: Vec<Ray> = (0..1000)
+        .map(|_| {
+            let (to, dir) = (rng.inside(bounds.min, bounds.max), rng.direction());
+            Ray::new(to - dir * 100.0, dir.as_vec3())
+        })
+        .collect();
+    let hits = ask(&scene.state(), &rays, QueryOptions::default());
+    let found = scene.state().thickness(&hits).expect("thicknesses");
+    let mut finite = 0;
+    for (hit, thickness) in hits.iter().zip(found).filter(|(hit, _)| hit.kind == HitKind::Exact) {
+        let tris = read(&model, hit.part);
+        let own = tris.iter().find(|it| it.prim == hit.prim).expect("the triangle that was hit");
+        let (inward, point) = (-hit.normal.as_dvec3(), hit.position);
+        let facing = |tri: &Tri| (tri[1] - tri[0]).cross(tri[2] - tri[0]).dot(inward) > 0.0;
+        let line = Ray64::new(point, inward);
+        let behind = |it: &&StoredTriangle| facing(&it.corners) != facing(&own.corners);
+        let at = tris.iter().filter(behind).filter_map(|it| brute::meet_line(&line, &it.corners)).map(|met| met.0);
+        let expected = at.filter(|t| *t > 1e-6).fold(f64::INFINITY, f64::min);
+        let is_near = thickness == expected || (thickness - expected).abs() < 1e-5;
+        assert!(is_near, "{thickness}, not {expected}: {hit:?}");
+        finite += usize::from(thickness.is_finite());
+    }
+    println!("{finite} of {} hits have an opposite side", hits.iter().filter(|hit| hit.kind == HitKind::Exact).count());
+    assert!(finite > 10, "{finite}");
+}
+
+/// The triangles of a part.
+fn read(model: &Model, part: u64) -> Vec<StoredTriangle> {
+    let mut reader = model.read_part(model.part_index(part).expect("a part")).expect("a reader");
+    let mut all = Vec::new();
+    loop {
+        let some = reader.next(1 << 16, &Cancel::new()).expect("triangles");
+        if some.is_empty() {
+            return all;
+        }
+        all.extend_from_slice(some);
+    }
 }

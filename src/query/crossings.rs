@@ -17,7 +17,7 @@ use crate::scene::SceneState;
 use crate::scene::placed::Placed;
 use crate::scene::through::Entrances;
 use crate::scene::walk::SceneView;
-use crate::structure::{Descent, TriHit, Triangle};
+use crate::structure::{Descent, Place, Triangle};
 use glam::Vec3;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
@@ -123,8 +123,8 @@ pub(super) struct Met {
     pub placed: u32,
     /// Index of the part in its model.
     pub part: u32,
-    block: u32,
-    tri: u32,
+    /// The place of the primitive id. With it the id needs one block, and not the triangle's block in addition.
+    prim: Place,
     /// True if the primitive id is known.
     is_known: bool,
 }
@@ -256,6 +256,7 @@ fn search(
     let p = &view.scene.placement.placed[placed as usize];
     let instance = view.scene.instances[p.instance as usize].id;
     let parts = view.model_of(placed).parts();
+    let tree = view.tree(placed);
     let Found { met, is_refused, .. } = found;
     view.through(ray, placed, left, &mut |hit, triangle, side, span| {
         let t = distance(p, &triangle.vertices, ray, span);
@@ -268,17 +269,17 @@ fn search(
             let part = p.first_part.saturating_add(triangle.part);
             let id = parts.id(part as usize).unwrap_or(NONE);
             let crossing = Crossing { part: id, instance, side, ..crossing(p, triangle, ray, t) };
-            met.push(Met { crossing, placed, part, block: hit.block, tri: hit.tri, is_known: false });
+            // The triangle's block is in memory here.
+            met.extend(tree.prim_place(hit).map(|prim| Met { crossing, placed, part, prim, is_known: false }));
         }
     });
     if !fits(met.len()) {
         *left = Descent::default();
         return Vec::new();
     }
-    let tree = view.tree(placed);
     let mut lacking = Vec::new();
     for met in met.iter_mut().filter(|met| !met.is_known) {
-        match tree.prim(&TriHit { block: met.block, tri: met.tri, ..TriHit::none(0.0) }) {
+        match tree.prim_at(met.prim) {
             Ok(prim) => {
                 met.crossing.prim = prim.map_or(NONE, u64::from);
                 (met.crossing.kind, met.is_known) = (HitKind::Exact, true);
@@ -311,7 +312,7 @@ fn crossing(placed: &Placed, triangle: &Triangle, ray: &Ray, t: f64) -> Crossing
 /// Puts the crossings of a ray in order, each once.
 fn sort(placed: &[Placed], met: &mut Vec<Met>) {
     keep_one_of_each(placed, met);
-    let key = |met: &Met| (met.crossing.part, met.crossing.instance, met.crossing.prim, met.placed, met.block, met.tri);
+    let key = |met: &Met| (met.crossing.part, met.crossing.instance, met.crossing.prim, met.placed, met.prim);
     met.sort_unstable_by(|a, b| a.crossing.t.total_cmp(&b.crossing.t).then_with(|| key(a).cmp(&key(b))));
 }
 
@@ -319,7 +320,7 @@ fn sort(placed: &[Placed], met: &mut Vec<Met>) {
 fn keep_one_of_each(placed: &[Placed], met: &mut Vec<Met>) {
     let tree = |met: &Met| placed[met.placed as usize].tree;
     let triangle = |met: &Met| (met.crossing.instance, met.crossing.part, met.crossing.prim);
-    met.sort_unstable_by_key(|met| (triangle(met), tree(met), met.placed, met.block, met.tri));
+    met.sort_unstable_by_key(|met| (triangle(met), tree(met), met.placed, met.prim));
     // The first kept crossing of the triangle, and the first one in the same tree.
     let (mut of_triangle, mut of_tree, mut kept) = (0, 0, 0);
     for i in 0..met.len() {

@@ -14,6 +14,9 @@ use std::sync::{Mutex, PoisonError};
 
 /// Takes a visit as far as the blocks in memory allow, and adds its results. The second argument is the index of the
 /// visit. Returns the blocks that the results lack in addition to the rest of the descent.
+///
+/// Each step needs one block only, so that the visit goes on if any block that it lacks comes. If a step needed two
+/// blocks, each might come without the other for ever.
 pub(super) type Search<'a, T> = &'a (dyn Fn(&SceneView, usize, &mut Descent, &mut T) -> Vec<BlockId> + Sync);
 
 /// Returns the results of `search` for a visit to each of the placed trees, which may occur several times. The order

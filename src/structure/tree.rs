@@ -204,6 +204,17 @@ impl<'a> Tree<'a> {
         of_each!(self, own => own.prim(hit)).map(|prim| (prim != u32::MAX).then_some(prim))
     }
 
+    /// Returns the place of a hit's primitive id. It needs the hit's block; `None` if that has left the snapshot.
+    pub fn prim_place(&self, hit: &TriHit) -> Option<Place> {
+        of_each!(self, own => own.prim_place(hit))
+    }
+
+    /// Returns the primitive id at a [place](Self::prim_place), or the block of the place if it is not in memory; no
+    /// other block is needed. `None` if a deliberately malformed file has no id there.
+    pub fn prim_at(&self, place: Place) -> Result<Option<u32>, BlockId> {
+        of_each!(self, own => own.prim_at(place)).map(|prim| (prim != u32::MAX).then_some(prim))
+    }
+
     /// Returns the sRGB colours of the corners of a hit's triangle, or the block that is needed for them; `None` if the
     /// model has no colours.
     pub fn colours(&self, hit: &TriHit) -> Result<Option<[[u8; 4]; 3]>, BlockId> {

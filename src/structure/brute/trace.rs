@@ -242,9 +242,19 @@ impl<'a> TreeView<'a> {
 
     /// Returns the primitive id of a hit, or the block that is needed for it.
     pub fn prim(&self, hit: &TriHit) -> Result<u32, BlockId> {
-        let words = self.beside(hit, self.prims_at)?;
+        self.prim_at(self.prim_place(hit).ok_or(BlockId(hit.block))?)
+    }
+
+    /// See [`crate::structure::Tree::prim_place`].
+    pub fn prim_place(&self, hit: &TriHit) -> Option<Place> {
+        Some(Place { block: hit.block + self.prims_at, item: hit.tri })
+    }
+
+    /// Returns the primitive id at a place, or the block of the place if it is not in memory.
+    pub fn prim_at(&self, place: Place) -> Result<u32, BlockId> {
+        let words = self.visited(place.block).ok_or(BlockId(place.block))?;
         // Only a deliberately malformed file has fewer words than its block has triangles.
-        Ok(words.get(hit.tri as usize).copied().unwrap_or(u32::MAX))
+        Ok(words.get(place.item as usize).copied().unwrap_or(u32::MAX))
     }
 
     /// See [`crate::structure::Tree::colours`].

@@ -160,10 +160,24 @@ impl TreeView<'_> {
     }
 
     /// Returns the primitive id of a hit. Fails with the id of a block that is not in memory.
+    #[inline]
     pub fn prim(&self, hit: &TriHit) -> Result<u32, BlockId> {
-        let (words, leaf, index) = self.beside(hit, self.prims_at)?;
+        self.prim_at(self.prim_place(hit).ok_or(BlockId(hit.block))?)
+    }
+
+    /// See [`crate::structure::Tree::prim_place`].
+    #[inline]
+    pub fn prim_place(&self, hit: &TriHit) -> Option<Place> {
+        let (_, leaf, index) = self.leaf_of(hit)?;
+        Some(Place { block: hit.block + self.prims_at, item: (leaf.first + index) as u32 })
+    }
+
+    /// Returns the primitive id at a place, or the block of the place if it is not in memory.
+    #[inline]
+    pub fn prim_at(&self, place: Place) -> Result<u32, BlockId> {
+        let words = self.visit(place.block).ok_or(BlockId(place.block))?;
         // Only a corrupt file has fewer words here than the block has triangles.
-        Ok(words.get(leaf.first + index).copied().unwrap_or(u32::MAX))
+        Ok(words.get(place.item as usize).copied().unwrap_or(u32::MAX))
     }
 
     /// Returns the sRGB colours of the corners of a hit's triangle, or `None` if the model has no colours. Fails with
