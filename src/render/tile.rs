@@ -199,8 +199,8 @@ impl TilePixels {
         }
     }
 
-    /// Copies the `wanted` colours of a packet's pixels. `at`: its upper left pixel in the picture; `sums`: the colours,
-    /// summed over all samples.
+    /// Copies the `wanted` colours of a packet's pixels. `at`: its upper left pixel in the picture; `sums`: the
+    /// colours, summed over all samples.
     fn keep_colours(&mut self, patch: &Patch, at: (u32, u32), wanted: Outputs, picture: Picture, sums: &mut Colours) {
         if picture.samples > 1 {
             let weight = 1.0 / picture.samples as f32;

@@ -116,7 +116,8 @@ pub struct PixelRays {
 
 impl PixelRays {
     /// The half spaces that contain the points seen between two picture points: right of the first, left of the second,
-    /// below the first, above the second, and ahead of the eye. Each is a normal n and an offset d: n·p + d >= 0 inside.
+    /// below the first, above the second, and ahead of the eye. Each is a normal n and an offset d: n·p + d >= 0
+    /// inside.
     pub fn half_spaces(&self, [least, greatest]: [DVec2; 2]) -> [(DVec3, f64); 5] {
         // A point p is in column half + right·(p - eye) / |right|², divided by its distance ahead in perspective.
         let side = |pixel: DVec3, bound: f64, sign: f64| {

@@ -1,8 +1,8 @@
 //! Cameras that show given content as large as the picture allows.
 //!
-//! The content is a set of boxes. Along a given view, the nearest camera that holds them depends only on their supports:
-//! the greatest values of some linear functions over all corners. Each side of the frustum bounds one such function, and
-//! the two sides of an axis together give the distance of the eye.
+//! The content is a set of boxes. Along a given view, the nearest camera that holds them depends only on their
+//! supports: the greatest values of some linear functions over all corners. Each side of the frustum bounds one such
+//! function, and the two sides of an axis together give the distance of the eye.
 
 use super::camera::{Camera, axes};
 use super::edit::{Scope, choose};
@@ -73,8 +73,8 @@ impl NamedView {
         (-from, above)
     }
 
-    /// Returns the direction that is up in a picture along `direction`: the up axis, or that of the view from the top or
-    /// from the bottom if the direction is parallel to it.
+    /// Returns the direction that is up in a picture along `direction`: the up axis, or that of the view from the top
+    /// or from the bottom if the direction is parallel to it.
     pub fn up_along(direction: DVec3, axis: UpAxis) -> DVec3 {
         let up = axes(axis)[2];
         let unit = direction.normalize_or(DVec3::ZERO);
@@ -204,8 +204,8 @@ impl SceneState {
     }
 }
 
-/// Returns the camera that shows all parts of a model, placed as it is; `None` if it has no triangles or a setting is out
-/// of range.
+/// Returns the camera that shows all parts of a model, placed as it is; `None` if it has no triangles or a setting is
+/// out of range.
 pub(super) fn fit_model(model: &Model, fit: &Fit) -> Option<Camera> {
     let frame = Frame::of(fit).ok()?;
     let mut supports = Supports::new(&frame, model.info().bounds.center());
