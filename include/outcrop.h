@@ -307,6 +307,68 @@ typedef struct oc_context_desc {
 /** Property of a context. */
 typedef uint32_t oc_property;
 
+/** Kind of a camera. */
+typedef uint32_t oc_camera_kind;
+
+/** A camera in world space. All numbers must be finite. */
+typedef struct oc_camera {
+    /** Size of this struct in bytes; OC_INIT sets it. */
+    uint32_t struct_size;
+    /** One of the OC_CAMERA_ constants. */
+    oc_camera_kind kind;
+    /** Position of the eye. Orthographic: the centre of the picture's plane. */
+    double eye[3];
+    /** Target point. Only the direction from the eye to it matters. Must differ from the eye. */
+    double at[3];
+    /** Direction that is up in the picture. Need not be unit. Must not be parallel to the view. All 0: +Z. */
+    double up[3];
+    /** Perspective: vertical field of view in degrees, above 0 and below 180. 0: 45. Orthographic: ignored. */
+    double fov_y;
+    /** Orthographic: height of the picture in world units, above 0. Perspective: ignored. */
+    double height;
+} oc_camera;
+
+/** A ray. Element of an array. Distances `t` along a ray are in units of the length of `direction`. */
+typedef struct oc_ray {
+    /** Start point, world space. Not finite: the ray misses. */
+    double origin[3];
+    /**
+     * Start of the interval: hits with a smaller `t` are ignored. Below 0: counts as 0. Infinite or NaN: the ray
+     * misses.
+     */
+    double t_min;
+    /** End of the interval: hits with a greater `t` are ignored. 0: no end. Below `t_min` or NaN: the ray misses. */
+    double t_max;
+    /** Direction; need not be unit. Zero or not finite: the ray misses. Components below 1.2e-38 count as zero. */
+    float direction[3];
+    /**
+     * Footprint of the ray: its width at `t` is `cone_a + cone_b * t`, in world units. A stand-in may replace
+     * triangles if the area of its box, projected along the ray, is at most the square of the width there.
+     *
+     * - Exact answers: `cone_a` = 0, `cone_b` = 0.
+     * - p pixels of error, perspective camera, direction of length 1 along the view axis: `cone_a` = 0,
+     *   `cone_b` = sqrt(p) * 2 tan(fov_y / 2) / (height of the picture in pixels). For a unit direction at the angle a
+     *   to that axis, times cos(a).
+     * - p pixels of error, orthographic camera: `cone_b` = 0,
+     *   `cone_a` = sqrt(p) * (height of the picture in world units) / (height of the picture in pixels).
+     *
+     * Below 0 or NaN: counts as 0. Infinite: the coarsest stand-ins.
+     */
+    float cone_a;
+    /** See `cone_a`. */
+    float cone_b;
+    /** The ray can hit an instance only if the masks of both have a common bit. 0: all instances. */
+    uint32_t mask;
+} oc_ray;
+
+/** A half space: the points p with dot(normal, p) + d >= 0, in world space. Element of an array. */
+typedef struct oc_plane {
+    /** Normal of the plane. Points inward. Must be finite and not zero; need not be unit. */
+    double normal[3];
+    /** Offset of the plane, in units of the normal's length. Must be finite. */
+    double d;
+} oc_plane;
+
 /** Acceleration structure of a model. */
 typedef uint32_t oc_structure;
 
@@ -669,26 +731,8 @@ typedef struct oc_part_info {
     uint32_t reserved;
 } oc_part_info;
 
-/** Kind of a camera. */
-typedef uint32_t oc_camera_kind;
-
-/** A camera in world space. All numbers must be finite. */
-typedef struct oc_camera {
-    /** Size of this struct in bytes; OC_INIT sets it. */
-    uint32_t struct_size;
-    /** One of the OC_CAMERA_ constants. */
-    oc_camera_kind kind;
-    /** Position of the eye. Orthographic: the centre of the picture's plane. */
-    double eye[3];
-    /** Target point. Only the direction from the eye to it matters. Must differ from the eye. */
-    double at[3];
-    /** Direction that is up in the picture. Need not be unit. Must not be parallel to the view. All 0: +Z. */
-    double up[3];
-    /** Perspective: vertical field of view in degrees, above 0 and below 180. 0: 45. Orthographic: ignored. */
-    double fov_y;
-    /** Orthographic: height of the picture in world units, above 0. Perspective: ignored. */
-    double height;
-} oc_camera;
+/** Flags of oc_model_get_placement. */
+typedef uint32_t oc_placement_flags;
 
 /** Kind of a light. */
 typedef uint32_t oc_light_kind;
@@ -752,39 +796,6 @@ typedef uint32_t oc_want;
 
 /** Flags of oc_query. */
 typedef uint32_t oc_query_flags;
-
-/** A ray. Element of an array. Distances `t` along a ray are in units of the length of `direction`. */
-typedef struct oc_ray {
-    /** Start point, world space. Not finite: the ray misses. */
-    double origin[3];
-    /**
-     * Start of the interval: hits with a smaller `t` are ignored. Below 0: counts as 0. Infinite or NaN: the ray
-     * misses.
-     */
-    double t_min;
-    /** End of the interval: hits with a greater `t` are ignored. 0: no end. Below `t_min` or NaN: the ray misses. */
-    double t_max;
-    /** Direction; need not be unit. Zero or not finite: the ray misses. Components below 1.2e-38 count as zero. */
-    float direction[3];
-    /**
-     * Footprint of the ray: its width at `t` is `cone_a + cone_b * t`, in world units. A stand-in may replace
-     * triangles if the area of its box, projected along the ray, is at most the square of the width there.
-     *
-     * - Exact answers: `cone_a` = 0, `cone_b` = 0.
-     * - p pixels of error, perspective camera, direction of length 1 along the view axis: `cone_a` = 0,
-     *   `cone_b` = sqrt(p) * 2 tan(fov_y / 2) / (height of the picture in pixels). For a unit direction at the angle a
-     *   to that axis, times cos(a).
-     * - p pixels of error, orthographic camera: `cone_b` = 0,
-     *   `cone_a` = sqrt(p) * (height of the picture in world units) / (height of the picture in pixels).
-     *
-     * Below 0 or NaN: counts as 0. Infinite: the coarsest stand-ins.
-     */
-    float cone_a;
-    /** See `cone_a`. */
-    float cone_b;
-    /** The ray can hit an instance only if the masks of both have a common bit. 0: all instances. */
-    uint32_t mask;
-} oc_ray;
 
 /** A batch of rays. */
 typedef struct oc_query {
@@ -943,13 +954,53 @@ typedef struct oc_overlap {
     uint32_t reserved;
 } oc_overlap;
 
-/** A half space: the points p with dot(normal, p) + d >= 0, in world space. Element of an array. */
-typedef struct oc_plane {
-    /** Normal of the plane. Points inward. Must be finite and not zero; need not be unit. */
-    double normal[3];
-    /** Offset of the plane, in units of the normal's length. Must be finite. */
-    double d;
-} oc_plane;
+/**
+ * Direction of a view, relative to an up axis. Front is the side towards -Y if Z is up, +Z if Y is up, +Y if X is up.
+ * Left and right are as seen from the front.
+ */
+typedef uint32_t oc_view;
+
+/** The picture for which oc_scene_fit finds a camera. `width` and `height` must be set. */
+typedef struct oc_fit {
+    /** Size of this struct in bytes; OC_INIT sets it. */
+    uint32_t struct_size;
+    /** Kind of the camera: one of the OC_CAMERA_ constants. */
+    oc_camera_kind kind;
+    /** Width of the picture in pixels, 1 to 65536. */
+    uint32_t width;
+    /** Height of the picture in pixels, 1 to 65536. */
+    uint32_t height;
+    /** One of the OC_VIEW_ constants. */
+    oc_view view;
+    /** Up axis that `view` refers to: one of the OC_UP_ constants. OC_UP_UNKNOWN: +Z. */
+    oc_up_axis up_axis;
+    /** OC_VIEW_ALONG: direction of the view, from the eye; finite and not zero, need not be unit. Otherwise ignored. */
+    double direction[3];
+    /**
+     * OC_VIEW_ALONG: direction that is up in the picture, not parallel to `direction`. All 0: that of `up_axis`, or of
+     * OC_VIEW_TOP or OC_VIEW_BOTTOM if that is parallel to `direction`. Otherwise ignored.
+     */
+    double up[3];
+    /** OC_CAMERA_PERSPECTIVE: vertical field of view in degrees, above 0 and below 180. 0: 45. Otherwise ignored. */
+    double fov_y;
+    /** Share of the width and of the height that stays free on each side, below 0.5. 0: 0.05. Below 0: none. */
+    double margin;
+    /** OC_PARTS_ flags for the chosen parts, combined with `|`, or 0. */
+    oc_parts_flags flags;
+    /** Must be 0. */
+    uint32_t reserved;
+} oc_fit;
+
+/** A part of an instance. Element of an array. */
+typedef struct oc_part_ref {
+    /** Id of the instance, as passed to oc_scene_add_instance. */
+    uint64_t instance;
+    /**
+     * Id of the part, as passed when the model was built. If several parts of the model have it, the first is meant.
+     * OC_NO_ID: all parts of the instance.
+     */
+    uint64_t part;
+} oc_part_ref;
 
 /** Buffer of a picture. The first row is the top one, the first pixel of a row the left one. */
 typedef uint32_t oc_buffer;
@@ -1013,6 +1064,11 @@ typedef struct oc_frame_settings {
     float ambient;
     /** OC_FRAME_ flags, combined with `|`. */
     oc_frame_flags flags;
+    /**
+     * Factor to the light of surfaces in OC_BUFFER_COLOUR_SRGB8, finite and 0 or more. 0: 1. Backgrounds keep their
+     * colours, and so does OC_BUFFER_COLOUR_LINEAR.
+     */
+    float exposure;
 } oc_frame_settings;
 
 /** Accuracy of the picture of the last request. */
@@ -1294,7 +1350,7 @@ typedef struct oc_pixels {
 /** uint64_t. */
 #define OC_INDEX_U64 2
 
-/** Unknown. The views of oc_model_get_view then take +Z. */
+/** Unknown. The views of oc_model_get_view and oc_scene_fit then take +Z. */
 #define OC_UP_UNKNOWN 0
 
 /** +X. */
@@ -1318,6 +1374,12 @@ typedef struct oc_pixels {
  * face the wrong way, or has no inside.
  */
 #define OC_PART_ORIENTED 2
+
+/** The model does not say which axis is up: it was not turned. */
+#define OC_PLACEMENT_UP_UNKNOWN 1
+
+/** The model does not say how long its unit is: it was not scaled. */
+#define OC_PLACEMENT_UNIT_UNKNOWN 2
 
 /** At the eye. No falloff, no shadows. */
 #define OC_LIGHT_HEAD 0
@@ -1435,6 +1497,39 @@ typedef struct oc_pixels {
 /** All of the part is inside the volume. */
 #define OC_OVERLAP_INSIDE 2
 
+/** From the front, the right and above, all three at the same angle. */
+#define OC_VIEW_ISO_FRONT_RIGHT 0
+
+/** From the front, the left and above. */
+#define OC_VIEW_ISO_FRONT_LEFT 1
+
+/** From the back, the right and above. */
+#define OC_VIEW_ISO_BACK_RIGHT 2
+
+/** From the back, the left and above. */
+#define OC_VIEW_ISO_BACK_LEFT 3
+
+/** From the front. */
+#define OC_VIEW_FRONT 4
+
+/** From the back. */
+#define OC_VIEW_BACK 5
+
+/** From the left. */
+#define OC_VIEW_LEFT 6
+
+/** From the right. */
+#define OC_VIEW_RIGHT 7
+
+/** From above. The back is up in the picture. */
+#define OC_VIEW_TOP 8
+
+/** From below. The front is up in the picture. */
+#define OC_VIEW_BOTTOM 9
+
+/** Along `direction` of oc_fit. */
+#define OC_VIEW_ALONG 10
+
 /**
  * If the data of the picture does not fit the memory budget at once, the request ends with the picture that does, as
  * OC_STATE_COMPLETE_WITHIN_BUDGET. That picture has one threshold, `effective_poe`, and may be coarser in places than
@@ -1442,6 +1537,16 @@ typedef struct oc_pixels {
  * as requested, whatever was seen before.
  */
 #define OC_FRAME_AT_ONCE 1
+
+/**
+ * Each value in OC_BUFFER_COLOUR_SRGB8 is the level nearest to that in OC_BUFFER_COLOUR_LINEAR times `exposure`.
+ * Without this flag:
+ * - Linear values of surfaces above 0.8 are compressed so that they stay below white, and bright parts keep their
+ *   shading. Values up to 0.8 and backgrounds stay as they are.
+ * - Gradients are dithered, so that they have no bands: a value between two levels becomes one or the other, by an
+ *   ordered pattern that depends only on the place of the pixel. A colour that is a level stays that level everywhere.
+ */
+#define OC_FRAME_EXACT_COLOURS 2
 
 /** 4 bytes: red, green and blue in sRGB, and linear alpha. */
 #define OC_BUFFER_COLOUR_SRGB8 0
@@ -1689,6 +1794,55 @@ OC_API void oc_context_retain(struct oc_context *context);
  */
 OC_API
 void oc_context_release(struct oc_context *context);
+
+/**
+ * Returns the ray through a point of a picture, as frames trace it.
+ *
+ * - `camera`: initialised with OC_INIT.
+ * - `width`, `height`: size of the picture in pixels, above 0.
+ * - `x`, `y`: the point in pixels from the top left corner; fractions are allowed, and points outside of the picture.
+ *   Must be finite. The centre of pixel (i, j) is (i + 0.5, j + 0.5).
+ * - `out_ray`: receives the ray: no limits, all instances, a direction of length 1, and the footprint for 1 pixel of
+ *   error. For p pixels multiply `cone_a` and `cone_b` by sqrt(p); for exact answers set them to 0.
+ *
+ * Single precision limits the direction: if a pixel is narrower than 1/16000 of its distance, as through long lenses,
+ * frames use more digits than the ray has.
+ *
+ * Errors: OC_STATUS_INVALID_ARGUMENT if an argument is not as documented.
+ *
+ * Thread safety: any thread. Cheap.
+ */
+OC_API
+oc_status oc_camera_ray(const struct oc_camera *camera,
+                        uint32_t width,
+                        uint32_t height,
+                        double x,
+                        double y,
+                        struct oc_ray *out_ray);
+
+/**
+ * Returns the half spaces that contain all that a camera sees within a rectangle of the picture, for
+ * oc_scene_overlap_frustum: to select the parts in a rectangle that a user draws, also those behind others.
+ *
+ * - `camera`: initialised with OC_INIT.
+ * - `width`, `height`: size of the picture in pixels, above 0.
+ * - `x0`, `y0`, `x1`, `y1`: two opposite corners in pixels from the top left corner of the picture, as for
+ *   oc_camera_ray. Must be finite.
+ * - `out_planes`: receives 5 half spaces: four sides, and the plane through the eye. There is no far plane.
+ *
+ * Errors: OC_STATUS_INVALID_ARGUMENT if an argument is not as documented.
+ *
+ * Thread safety: any thread. Cheap.
+ */
+OC_API
+oc_status oc_camera_frustum(const struct oc_camera *camera,
+                            uint32_t width,
+                            uint32_t height,
+                            double x0,
+                            double y0,
+                            double x1,
+                            double y1,
+                            struct oc_plane *out_planes);
 
 /**
  * Creates an empty build.
@@ -1968,9 +2122,10 @@ oc_status oc_model_get_part(const struct oc_model *model,
 OC_API oc_status oc_model_find_part(const struct oc_model *model, uint64_t id, uint32_t *out_index);
 
 /**
- * Returns a perspective camera that fits the model.
+ * Returns a perspective camera that fits the model. oc_scene_fit has more choices.
  *
- * - `view`: 0 and 1 show the whole model from two sides. 2 and 3 are the same views from a quarter of the distance.
+ * - `view`: 0 and 1 show the whole model from two sides, as large as a square picture allows; wider pictures show it
+ *   too. 2 and 3 are closer views from the same sides.
  * - `out_camera`: receives the camera. Initialise it with OC_INIT.
  *
  * Errors: OC_STATUS_INVALID_ARGUMENT if `view` is above 3.
@@ -1981,6 +2136,29 @@ OC_API
 oc_status oc_model_get_view(const struct oc_model *model,
                             uint32_t view,
                             struct oc_camera *out_camera);
+
+/**
+ * Returns the transform that gives the model an up axis and a unit of length, for oc_scene_add_instance. With the same
+ * arguments for each model of a scene, all stand upright and have the same scale.
+ *
+ * - `up`: the up axis of the world: one of the OC_UP_ constants. OC_UP_UNKNOWN: the model is not turned.
+ * - `metres_per_unit`: length of a unit of the world in metres, e.g. 0.001 for millimetres; finite and above 0. 0: the
+ *   model is not scaled.
+ * - `out_world_from_model`: receives 12 doubles. It turns about the model's origin, such that front and right agree
+ *   too (see oc_view), and scales.
+ * - `out_flags`: receives OC_PLACEMENT_ flags, combined with `|`: what was asked, but the model does not say. May be
+ *   NULL.
+ *
+ * Errors: OC_STATUS_INVALID_ARGUMENT if an argument is not as documented.
+ *
+ * Thread safety: any thread. Cheap.
+ */
+OC_API
+oc_status oc_model_get_placement(const struct oc_model *model,
+                                 oc_up_axis up,
+                                 double metres_per_unit,
+                                 double *out_world_from_model,
+                                 oc_placement_flags *out_flags);
 
 /** Adds one reference. NULL: does nothing. Thread safety: any thread. Cheap. */
 OC_API void oc_model_retain(struct oc_model *model);
@@ -2530,6 +2708,36 @@ oc_status oc_scene_overlap_frustum(const struct oc_scene *scene,
                                    uint64_t *out_count);
 
 /**
+ * Returns the camera that shows the visible parts of the scene, or chosen ones, as large as the picture allows: their
+ * boxes touch the margin on two opposite sides, and lie within it on the others.
+ *
+ * - `scene`: the committed state. Hidden parts and instances do not count.
+ * - `fit`: the picture and the view. Initialise it with OC_INIT.
+ * - `parts`: array of parts that are to be shown. Ignored if `count` is 0: all are.
+ * - `count`: number of parts.
+ * - `stride`: bytes from one part to the next. 0: tightly packed. With the size of an oc_overlap, the array may be the
+ *   result of oc_scene_overlap_box or oc_scene_overlap_frustum.
+ * - `out_camera`: receives the camera. Initialise it with OC_INIT.
+ *
+ * The box of a part is that of its own triangles in the model, placed with the instance. A part with no triangles of
+ * its own, such as an assembly, has none: OC_PARTS_BELOW adds the parts below it. Parts without a size, such as a
+ * point, are shown from a distance of 1.
+ *
+ * Errors:
+ * - OC_STATUS_INVALID_ARGUMENT: a member of `fit` is out of range, or there is no such instance or part.
+ * - OC_STATUS_INVALID_STATE: none of the parts is visible and has triangles.
+ *
+ * Thread safety: any thread. Cheap. Takes time in proportion to the number of parts and instances.
+ */
+OC_API
+oc_status oc_scene_fit(const struct oc_scene *scene,
+                       const struct oc_fit *fit,
+                       const struct oc_part_ref *parts,
+                       uint64_t count,
+                       uint64_t stride,
+                       struct oc_camera *out_camera);
+
+/**
  * Creates a frame.
  *
  * - `desc`: options. NULL: 1024 by 768 pixels of OC_BUFFER_COLOUR_SRGB8.
@@ -2680,6 +2888,30 @@ oc_status oc_frame_pick(const struct oc_frame *frame,
                         uint32_t x,
                         uint32_t y,
                         struct oc_hit *out_hit);
+
+/**
+ * Returns a hit near a pixel, with a preference for thin parts, such as wires of less than a pixel.
+ *
+ * Rays go through the centre and four other points of each pixel within `radius` pixels of the pixel's centre. A part
+ * is thin if it covers less than a fifth of the picture within `radius` pixels of its nearest point. The result is:
+ * - the nearest hit of a thin part, and at equal distances that of the smaller depth; or else
+ * - the hit at the pixel itself, as of oc_frame_pick; or, if that is a miss,
+ * - the nearest hit, or a miss if there is none.
+ *
+ * - `x`, `y`: the pixel, counted from the top left corner.
+ * - `radius`: distance in pixels, 0 to 32. 0: the call is oc_frame_pick. Usual: 3 to 5.
+ * - `out_hit`: receives the hit. It is exact, with all members, as of oc_frame_pick.
+ *
+ * Errors: as oc_frame_pick. OC_STATUS_INVALID_ARGUMENT also if the radius is out of range.
+ *
+ * Thread safety: any thread. Blocks; may read the disk.
+ */
+OC_API
+oc_status oc_frame_pick_near(const struct oc_frame *frame,
+                             uint32_t x,
+                             uint32_t y,
+                             double radius,
+                             struct oc_hit *out_hit);
 
 /** Adds one reference. NULL: does nothing. Thread safety: any thread. Cheap. */
 OC_API void oc_frame_retain(struct oc_frame *frame);

@@ -23,6 +23,7 @@
 #endif
 
 #ifndef OUTCROP_NO_EXCEPTIONS
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <stdexcept>
@@ -180,7 +181,26 @@ class model : public model_handle {
         check(oc_model_read_part(get(), part, reader.put()));
         return reader;
     }
+    /// The transform that gives the model this up axis and unit, for `scene::add`.
+    std::array<double, 12> placement(oc_up_axis up, double metres_per_unit = 0,
+                                     oc_placement_flags *unknown = nullptr) const {
+        std::array<double, 12> transform{};
+        check(oc_model_get_placement(get(), up, metres_per_unit, transform.data(), unknown));
+        return transform;
+    }
 };
+
+inline oc_ray camera_ray(const oc_camera &camera, std::uint32_t width, std::uint32_t height, double x, double y) {
+    oc_ray ray;
+    check(oc_camera_ray(&camera, width, height, x, y, &ray));
+    return ray;
+}
+inline std::vector<oc_plane> camera_frustum(const oc_camera &camera, std::uint32_t width, std::uint32_t height,
+                                            double x0, double y0, double x1, double y1) {
+    std::vector<oc_plane> planes(5);
+    check(oc_camera_frustum(&camera, width, height, x0, y0, x1, y1, planes.data()));
+    return planes;
+}
 
 class job : public job_handle {
   public:
@@ -375,6 +395,19 @@ class scene : public scene_handle {
         check(oc_scene_triangles(get(), hits.data(), hits.size(), 0, found.data()));
         return found;
     }
+    std::vector<oc_overlap> overlap_frustum(const std::vector<oc_plane> &planes) const {
+        std::uint64_t count = 0;
+        check(oc_scene_overlap_frustum(get(), planes.data(), planes.size(), nullptr, 0, &count));
+        std::vector<oc_overlap> found(static_cast<std::size_t>(count));
+        check(oc_scene_overlap_frustum(get(), planes.data(), planes.size(), found.data(), count, &count));
+        found.resize(static_cast<std::size_t>(count));
+        return found;
+    }
+    oc_camera fit(const oc_fit &desc, const std::vector<oc_part_ref> &parts = {}) const {
+        auto camera = init<oc_camera>();
+        check(oc_scene_fit(get(), &desc, parts.data(), parts.size(), 0, &camera));
+        return camera;
+    }
     job prefetch(const double (&low)[3], const double (&high)[3], double cell = 0) const {
         job j;
         check(oc_scene_prefetch_box(get(), low, high, cell, j.put()));
@@ -435,6 +468,11 @@ class frame : public frame_handle {
     oc_hit pick(std::uint32_t x, std::uint32_t y) const {
         oc_hit hit;
         check(oc_frame_pick(get(), x, y, &hit));
+        return hit;
+    }
+    oc_hit pick_near(std::uint32_t x, std::uint32_t y, double radius) const {
+        oc_hit hit;
+        check(oc_frame_pick_near(get(), x, y, radius, &hit));
         return hit;
     }
     pixels map(oc_buffer buffer = OC_BUFFER_COLOUR_SRGB8) const {

@@ -22,6 +22,7 @@ const SOURCES: &[&str] = &[
     "crossings.rs",
     "inside.rs",
     "overlap.rs",
+    "fit.rs",
     "frame.rs",
     "pixels.rs",
     "prefetch.rs",

@@ -4,6 +4,7 @@ use outcrop::capi::build::oc_build_desc;
 use outcrop::capi::contents::{oc_material, oc_part};
 use outcrop::capi::context::{oc_context_desc, oc_executor};
 use outcrop::capi::crossings::oc_crossing;
+use outcrop::capi::fit::{oc_fit, oc_part_ref};
 use outcrop::capi::frame::{oc_frame_accuracy, oc_frame_desc, oc_frame_settings};
 use outcrop::capi::geometry::oc_triangle;
 use outcrop::capi::inside::oc_part_at;
@@ -83,9 +84,13 @@ fn layouts() -> Vec<Layout> {
         oc_part_at { instance, part, winding, holds }
         oc_overlap { instance, part, kind, reserved }
         oc_plane { normal, d }
+        oc_fit {
+            struct_size, kind, width, height, view, up_axis, direction, up, fov_y, margin, flags, reserved,
+        }
+        oc_part_ref { instance, part }
         oc_target { memory, size, row_pitch, buffer, reserved }
         oc_frame_desc { struct_size, width, height, buffers, targets, target_count }
-        oc_frame_settings { struct_size, samples, poe, ambient, flags }
+        oc_frame_settings { struct_size, samples, poe, ambient, flags, exposure }
         oc_frame_accuracy {
             struct_size, effective_poe, request, pixels_exact, pixels_lod, pixels_missing, pixels_total,
             bytes_resident, bytes_wanted, seconds, seconds_to_go, worst_error, mean_error, pictures, state,

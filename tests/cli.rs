@@ -165,10 +165,29 @@ fn two_files_make_one_model_and_cameras_are_free() {
         &["--eye", "0.5,0.5,5", "--at", "0.5,0.5,0", "--up", "0,1,0", "--ortho", "2"],
         &["--view", "1", "--up", "y"],
         &["--view", "3", "--light", "sun:1,1,-1*0.7", "--light", "point:0,0,4*9", "--no-shadows"],
+        &["--view", "front", "--exposure", "2", "--exact-colours"],
+        &["--view", "top", "--ortho", "fit"],
     ] {
         let picture = json(dir, &[&["render", "m.oc", "-o", "m.png", "--size", "32x32"], camera].concat());
         assert_eq!(picture["pixels"]["total"], 1024);
     }
+    // A square of side 1 from above, and from above without the roof: it touches the margin of a twentieth.
+    let high = |args: &[&str]| {
+        let fixed = ["render", "m.oc", "-o", "m.png", "--size", "100x100", "--samples", "1", "--view", "top"];
+        let pixels = json(dir, &[&fixed[..], args].concat())["pixels"].clone();
+        assert_eq!(pixels["total"], 10_000);
+        let picture = image::open(dir.join("m.png")).unwrap().into_rgba8();
+        let background = *picture.get_pixel(0, 50);
+        (0..100)
+            .filter(|&x| picture.get_pixel(x, 50).0.iter().zip(background.0).any(|(a, b)| a.abs_diff(b) > 8))
+            .count()
+    };
+    assert_eq!(high(&["--ortho", "fit"]), 90);
+    assert_eq!(high(&["--ortho", "fit", "--only", "0"]), 90);
+    assert_eq!(high(&["--ortho", "2"]), 50);
+    fails(dir, &["render", "m.oc", "-o", "m.png", "--view", "2", "--ortho", "fit"], 2, "--ortho fit");
+    fails(dir, &["render", "m.oc", "-o", "m.png", "--view", "above"], 2, "iso-front-left");
+    fails(dir, &["render", "m.oc", "-o", "m.png", "--exposure", "-1"], 1, "exposure");
     let up = |axis: &str| json(dir, &["render", "m.oc", "-o", "m.png", "--size", "8x8", "--up", axis])["up"].clone();
     assert_eq!((up("y"), up("z")), (serde_json::json!([0.0, 1.0, 0.0]), serde_json::json!([0.0, 0.0, 1.0])));
     let text = String::from_utf8(outcrop(dir, &["info", "m.oc"]).stdout).unwrap();
@@ -262,7 +281,7 @@ fn wrong_usage_is_2_and_failure_is_1() {
         (&["render", "not.oc", "-o", "p.png", "--ortho", "inf"], "above 0"),
         (&["render", "not.oc", "-o", "p.png", "--fov", "-30"], "'--fov <DEGREES>': expected degrees above 0"),
         (&["render", "not.oc", "-o", "p.png", "--samples", "-4"], "'--samples <N>'"),
-        (&["render", "not.oc", "-o", "p.png", "--view", "-1"], "'--view <0..3>'"),
+        (&["render", "not.oc", "-o", "p.png", "--view", "-1"], "'--view <0..3 or NAME>'"),
         (&["render", "not.oc", "-o", "p.png", "--until", "-1"], "expected first, complete"),
         (&["render", "not.oc", "-o", "p.png", "--size", "0x0"], "from 1 to 65536"),
         (&["render", "not.oc", "-o", "p.png", "--size", "65536x65536"], "at most 1073741824 pixels"),

@@ -18,3 +18,5 @@ mod promise;
 mod shadows;
 mod smooth;
 mod stability;
+mod tone;
+mod views;

@@ -139,6 +139,9 @@ pub struct oc_frame_settings {
     pub ambient: f32,
     /// OC_FRAME_ flags, combined with `|`.
     pub flags: oc_frame_flags,
+    /// Factor to the light of surfaces in OC_BUFFER_COLOUR_SRGB8, finite and 0 or more. 0: 1. Backgrounds keep their
+    /// colours, and so does OC_BUFFER_COLOUR_LINEAR.
+    pub exposure: f32,
 }
 
 /// Flags of oc_frame_settings.
@@ -148,6 +151,13 @@ pub type oc_frame_flags = u32;
 /// those before. The threshold may depend on earlier views. Without this flag the request goes on until the picture is
 /// as requested, whatever was seen before.
 pub const OC_FRAME_AT_ONCE: oc_frame_flags = 1;
+/// Each value in OC_BUFFER_COLOUR_SRGB8 is the level nearest to that in OC_BUFFER_COLOUR_LINEAR times `exposure`.
+/// Without this flag:
+/// - Linear values of surfaces above 0.8 are compressed so that they stay below white, and bright parts keep their
+///   shading. Values up to 0.8 and backgrounds stay as they are.
+/// - Gradients are dithered, so that they have no bands: a value between two levels becomes one or the other, by an
+///   ordered pattern that depends only on the place of the pixel. A colour that is a level stays that level everywhere.
+pub const OC_FRAME_EXACT_COLOURS: oc_frame_flags = 2;
 
 // SAFETY: `repr(C)`, integers and floats without padding, `struct_size` first.
 unsafe impl Sized32 for oc_frame_settings {
@@ -158,7 +168,7 @@ unsafe impl Sized32 for oc_frame_settings {
 impl oc_frame_settings {
     fn to_rust(self) -> Checked<FrameSettings> {
         let default = FrameSettings::default();
-        if self.flags & !OC_FRAME_AT_ONCE != 0 {
+        if self.flags & !(OC_FRAME_AT_ONCE | OC_FRAME_EXACT_COLOURS) != 0 {
             return bad(format!("oc_frame_settings.flags {:#x}: unknown flags", self.flags));
         }
         Ok(FrameSettings {
@@ -166,6 +176,8 @@ impl oc_frame_settings {
             samples: if self.samples == 0 { default.samples } else { self.samples },
             ambient: if self.ambient == 0.0 { default.ambient } else { self.ambient },
             at_once: self.flags & OC_FRAME_AT_ONCE != 0,
+            exposure: if self.exposure == 0.0 { default.exposure } else { self.exposure },
+            exact_colours: self.flags & OC_FRAME_EXACT_COLOURS != 0,
         })
     }
 }
@@ -479,6 +491,41 @@ pub unsafe extern "C" fn oc_frame_pick(frame: *const oc_frame, x: u32, y: u32, o
         let out = out(out_hit, "out_hit")?;
         handles::with(frame, |frame: &Shell<FrameObject>| {
             super::query::write_hit(out, &frame.frame.pick(x, y)?);
+            Ok(())
+        })
+    })
+}
+
+/// Returns a hit near a pixel, with a preference for thin parts, such as wires of less than a pixel.
+///
+/// Rays go through the centre and four other points of each pixel within `radius` pixels of the pixel's centre. A part
+/// is thin if it covers less than a fifth of the picture within `radius` pixels of its nearest point. The result is:
+/// - the nearest hit of a thin part, and at equal distances that of the smaller depth; or else
+/// - the hit at the pixel itself, as of oc_frame_pick; or, if that is a miss,
+/// - the nearest hit, or a miss if there is none.
+///
+/// - `x`, `y`: the pixel, counted from the top left corner.
+/// - `radius`: distance in pixels, 0 to 32. 0: the call is oc_frame_pick. Usual: 3 to 5.
+/// - `out_hit`: receives the hit. It is exact, with all members, as of oc_frame_pick.
+///
+/// Errors: as oc_frame_pick. OC_STATUS_INVALID_ARGUMENT also if the radius is out of range.
+///
+/// Thread safety: any thread. Blocks; may read the disk.
+/// # Safety
+/// `frame` is a live handle; `out_hit` is writable.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn oc_frame_pick_near(
+    frame: *const oc_frame,
+    x: u32,
+    y: u32,
+    radius: f64,
+    out_hit: *mut oc_hit,
+) -> oc_status {
+    // SAFETY: the function's own contract.
+    boundary(|| unsafe {
+        let out = out(out_hit, "out_hit")?;
+        handles::with(frame, |frame: &Shell<FrameObject>| {
+            super::query::write_hit(out, &frame.frame.pick_near(x, y, radius)?);
             Ok(())
         })
     })

@@ -65,7 +65,7 @@ unsafe fn ids(parts: *const u64, count: u64) -> Checked<Vec<u64>> {
     Ok(own)
 }
 
-fn scope(flags: oc_parts_flags) -> Checked<Scope> {
+pub(super) fn scope(flags: oc_parts_flags) -> Checked<Scope> {
     match flags {
         0 => Ok(Scope::Own),
         OC_PARTS_BELOW => Ok(Scope::Below),

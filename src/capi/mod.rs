@@ -13,6 +13,7 @@ pub mod build;
 pub mod contents;
 pub mod context;
 pub mod crossings;
+pub mod fit;
 pub(crate) mod fork;
 pub mod frame;
 pub mod geometry;

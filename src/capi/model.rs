@@ -10,7 +10,8 @@ use super::view::oc_camera;
 use crate::base::error::Result;
 use crate::base::inside_read::reading;
 use crate::base::progress::{Cancel, Progress};
-use crate::scene::{Model, PartInfo};
+use crate::base::units::UpAxis;
+use crate::scene::{Camera, Model, PartInfo};
 use crate::store::{FileSource, Source};
 use std::ffi::{CStr, c_char, c_void};
 use std::io;
@@ -31,6 +32,11 @@ pub(crate) struct ModelObject {
 impl ModelObject {
     pub(crate) fn new(model: Model) -> Self {
         Self { model }
+    }
+
+    /// The views of [`oc_model_get_view`].
+    fn views(&self) -> [Camera; 4] {
+        self.model.fitted_views(self.model.info().up, (1, 1))
     }
 
     /// The name of a part, which lives as long as the model.
@@ -248,7 +254,7 @@ pub unsafe extern "C" fn oc_model_load(
 
 /// Axis that points up.
 pub type oc_up_axis = u32;
-/// Unknown. The views of oc_model_get_view then take +Z.
+/// Unknown. The views of oc_model_get_view and oc_scene_fit then take +Z.
 pub const OC_UP_UNKNOWN: oc_up_axis = 0;
 /// +X.
 pub const OC_UP_X: oc_up_axis = 1;
@@ -256,6 +262,17 @@ pub const OC_UP_X: oc_up_axis = 1;
 pub const OC_UP_Y: oc_up_axis = 2;
 /// +Z (most CAD).
 pub const OC_UP_Z: oc_up_axis = 3;
+
+/// Reads an up axis.
+pub(super) fn up_axis(axis: oc_up_axis, name: &str) -> Checked<UpAxis> {
+    match axis {
+        OC_UP_UNKNOWN => Ok(UpAxis::Unknown),
+        OC_UP_X => Ok(UpAxis::X),
+        OC_UP_Y => Ok(UpAxis::Y),
+        OC_UP_Z => Ok(UpAxis::Z),
+        other => bad(format!("{name} {other} is unknown")),
+    }
+}
 
 /// Properties of a model.
 #[repr(C)]
@@ -465,9 +482,10 @@ pub unsafe extern "C" fn oc_model_find_part(model: *const oc_model, id: u64, out
     })
 }
 
-/// Returns a perspective camera that fits the model.
+/// Returns a perspective camera that fits the model. oc_scene_fit has more choices.
 ///
-/// - `view`: 0 and 1 show the whole model from two sides. 2 and 3 are the same views from a quarter of the distance.
+/// - `view`: 0 and 1 show the whole model from two sides, as large as a square picture allows; wider pictures show it
+///   too. 2 and 3 are closer views from the same sides.
 /// - `out_camera`: receives the camera. Initialise it with OC_INIT.
 ///
 /// Errors: OC_STATUS_INVALID_ARGUMENT if `view` is above 3.
@@ -480,12 +498,63 @@ pub unsafe extern "C" fn oc_model_get_view(model: *const oc_model, view: u32, ou
     // SAFETY: the function's own contract.
     boundary(|| unsafe {
         let fill = Fill::new(out_camera)?;
-        handles::with(model, |model: &Shell<ModelObject>| match model.model.views().get(view as usize) {
+        handles::with(model, |model: &Shell<ModelObject>| match model.views().get(view as usize) {
             Some(camera) => {
                 fill.with(oc_camera::from_rust(camera));
                 Ok(())
             }
             None => bad(format!("view is {view}; it must be from 0 to 3")),
+        })
+    })
+}
+
+/// Flags of oc_model_get_placement.
+pub type oc_placement_flags = u32;
+/// The model does not say which axis is up: it was not turned.
+pub const OC_PLACEMENT_UP_UNKNOWN: oc_placement_flags = 1;
+/// The model does not say how long its unit is: it was not scaled.
+pub const OC_PLACEMENT_UNIT_UNKNOWN: oc_placement_flags = 2;
+
+/// Returns the transform that gives the model an up axis and a unit of length, for oc_scene_add_instance. With the same
+/// arguments for each model of a scene, all stand upright and have the same scale.
+///
+/// - `up`: the up axis of the world: one of the OC_UP_ constants. OC_UP_UNKNOWN: the model is not turned.
+/// - `metres_per_unit`: length of a unit of the world in metres, e.g. 0.001 for millimetres; finite and above 0. 0: the
+///   model is not scaled.
+/// - `out_world_from_model`: receives 12 doubles. It turns about the model's origin, such that front and right agree
+///   too (see oc_view), and scales.
+/// - `out_flags`: receives OC_PLACEMENT_ flags, combined with `|`: what was asked, but the model does not say. May be
+///   NULL.
+///
+/// Errors: OC_STATUS_INVALID_ARGUMENT if an argument is not as documented.
+///
+/// Thread safety: any thread. Cheap.
+/// # Safety
+/// `model` is a live handle; `out_world_from_model` has room for 12 doubles; `out_flags` is writable or NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn oc_model_get_placement(
+    model: *const oc_model,
+    up: oc_up_axis,
+    metres_per_unit: f64,
+    out_world_from_model: *mut f64,
+    out_flags: *mut oc_placement_flags,
+) -> oc_status {
+    // SAFETY: the function's own contract.
+    boundary(|| unsafe {
+        let out = out(out_world_from_model.cast::<[f64; 12]>(), "out_world_from_model")?;
+        let up = Some(up_axis(up, "up")?).filter(|up| *up != UpAxis::Unknown);
+        let unit = (metres_per_unit != 0.0).then_some(metres_per_unit);
+        handles::with(model, |model: &Shell<ModelObject>| {
+            let (placement, info) = (model.model.placement(up, unit)?, model.model.info());
+            out.write_unaligned(placement.to_cols_array());
+            let flag = |is_unknown: bool, flag: oc_placement_flags| if is_unknown { flag } else { 0 };
+            if !out_flags.is_null() {
+                out_flags.write(
+                    flag(up.is_some() && info.up == UpAxis::Unknown, OC_PLACEMENT_UP_UNKNOWN)
+                        | flag(unit.is_some() && info.metres_per_unit.is_none(), OC_PLACEMENT_UNIT_UNKNOWN),
+                );
+            }
+            Ok(())
         })
     })
 }

@@ -1,8 +1,13 @@
 //! Cameras and transforms in the format of the header.
 
-use super::guard::{Checked, Sized32, bad};
+use super::guard::{Checked, Sized32, bad, boundary, out, read};
+use super::overlap::oc_plane;
+use super::query::oc_ray;
+use super::status::oc_status;
+use crate::query::Plane;
 use crate::scene::Camera;
-use glam::{DAffine3, DVec3};
+use crate::scene::camera::PixelRays;
+use glam::{DAffine3, DVec2, DVec3};
 
 /// Kind of a camera.
 pub type oc_camera_kind = u32;
@@ -60,6 +65,98 @@ impl oc_camera {
         let (eye, at, up) = (eye.to_array(), at.to_array(), up.to_array());
         Self { struct_size: 0, kind, eye, at, up, fov_y, height }
     }
+}
+
+/// Reads a camera for pictures of a size.
+///
+/// # Safety
+/// `camera` is NULL or initialised.
+unsafe fn rays_of(camera: *const oc_camera, width: u32, height: u32) -> Checked<PixelRays> {
+    // SAFETY: the caller's contract.
+    Ok(unsafe { read(camera)? }.to_rust()?.prepare(width, height)?)
+}
+
+fn picture_point(x: f64, y: f64) -> Checked<DVec2> {
+    if x.is_finite() && y.is_finite() { Ok(DVec2::new(x, y)) } else { bad("a picture point must be finite") }
+}
+
+/// Returns the ray through a point of a picture, as frames trace it.
+///
+/// - `camera`: initialised with OC_INIT.
+/// - `width`, `height`: size of the picture in pixels, above 0.
+/// - `x`, `y`: the point in pixels from the top left corner; fractions are allowed, and points outside of the picture.
+///   Must be finite. The centre of pixel (i, j) is (i + 0.5, j + 0.5).
+/// - `out_ray`: receives the ray: no limits, all instances, a direction of length 1, and the footprint for 1 pixel of
+///   error. For p pixels multiply `cone_a` and `cone_b` by sqrt(p); for exact answers set them to 0.
+///
+/// Single precision limits the direction: if a pixel is narrower than 1/16000 of its distance, as through long lenses,
+/// frames use more digits than the ray has.
+///
+/// Errors: OC_STATUS_INVALID_ARGUMENT if an argument is not as documented.
+///
+/// Thread safety: any thread. Cheap.
+/// # Safety
+/// `camera` is initialised; `out_ray` is writable.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn oc_camera_ray(
+    camera: *const oc_camera,
+    width: u32,
+    height: u32,
+    x: f64,
+    y: f64,
+    out_ray: *mut oc_ray,
+) -> oc_status {
+    // SAFETY: the function's own contract.
+    boundary(|| unsafe {
+        let out = out(out_ray, "out_ray")?;
+        let point = picture_point(x, y)?;
+        let ray = rays_of(camera, width, height)?.ray(point.x, point.y);
+        out.write_unaligned(oc_ray {
+            origin: ray.origin.to_array(),
+            t_min: 0.0,
+            t_max: 0.0,
+            direction: ray.dir.to_array(),
+            cone_a: ray.cone.a,
+            cone_b: ray.cone.b,
+            mask: 0,
+        });
+        Ok(())
+    })
+}
+
+/// Returns the half spaces that contain all that a camera sees within a rectangle of the picture, for
+/// oc_scene_overlap_frustum: to select the parts in a rectangle that a user draws, also those behind others.
+///
+/// - `camera`: initialised with OC_INIT.
+/// - `width`, `height`: size of the picture in pixels, above 0.
+/// - `x0`, `y0`, `x1`, `y1`: two opposite corners in pixels from the top left corner of the picture, as for
+///   oc_camera_ray. Must be finite.
+/// - `out_planes`: receives 5 half spaces: four sides, and the plane through the eye. There is no far plane.
+///
+/// Errors: OC_STATUS_INVALID_ARGUMENT if an argument is not as documented.
+///
+/// Thread safety: any thread. Cheap.
+/// # Safety
+/// `camera` is initialised; `out_planes` has room for 5 elements.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn oc_camera_frustum(
+    camera: *const oc_camera,
+    width: u32,
+    height: u32,
+    x0: f64,
+    y0: f64,
+    x1: f64,
+    y1: f64,
+    out_planes: *mut oc_plane,
+) -> oc_status {
+    // SAFETY: the function's own contract.
+    boundary(|| unsafe {
+        let out = out(out_planes.cast::<[oc_plane; 5]>(), "out_planes")?;
+        let corners = [picture_point(x0, y0)?, picture_point(x1, y1)?];
+        let planes = Plane::frustum(&rays_of(camera, width, height)?, corners);
+        out.write_unaligned(planes.map(|p| oc_plane { normal: p.normal.to_array(), d: p.d }));
+        Ok(())
+    })
 }
 
 /// Reads a transform: 12 doubles by column.

@@ -6,10 +6,11 @@ use super::volume::{Side, Volume};
 use crate::base::error::{Error, Result};
 use crate::math::DBounds;
 use crate::scene::SceneState;
+use crate::scene::camera::PixelRays;
 use crate::scene::placed::Placed;
 use crate::scene::walk::SceneView;
 use crate::structure::{Descent, Triangle};
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// A half space: the points p with `normal · p + d >= 0`. `normal` need not be unit.
@@ -19,6 +20,15 @@ pub struct Plane {
     pub normal: DVec3,
     /// Offset, in units of `|normal|`.
     pub d: f64,
+}
+
+impl Plane {
+    /// Returns the half spaces of the points that a camera shows within a rectangle of its picture: four sides, and the
+    /// plane through the eye. `corners`: two opposite picture points, see [`PixelRays::ray`].
+    pub fn frustum(rays: &PixelRays, corners: [DVec2; 2]) -> [Plane; 5] {
+        let ordered = [corners[0].min(corners[1]), corners[0].max(corners[1])];
+        rays.half_spaces(ordered).map(|(normal, d)| Plane { normal, d })
+    }
 }
 
 /// The way a part intersects a volume.

@@ -5,8 +5,9 @@
 
 use super::film::{Buffer, Film, Mapped, Outputs, Picture, Spare, Target};
 use super::job::{Asked, End, Owner, Request};
-use super::pick::pick;
+use super::pick::{MOST_RADIUS, pick, pick_near};
 use super::status::{FrameState, FrameStatus, Progress};
+use super::tone::Tone;
 use crate::base::error::{Error, Result};
 use crate::base::handle::{WakeFn, Waker};
 use crate::math::srgb::Srgb;
@@ -49,11 +50,17 @@ pub struct FrameSettings {
     /// If the data of the picture does not fit the budget at once, the request ends with the picture that does, at a
     /// higher threshold. Otherwise it goes on until the picture is as requested.
     pub at_once: bool,
+    /// Factor to the light of surfaces in [`Buffer::ColourSrgb8`], finite and 0 or more. Backgrounds and
+    /// [`Buffer::ColourLinear`] keep their colours.
+    pub exposure: f32,
+    /// If true, [`Buffer::ColourSrgb8`] has the nearest level to each linear colour times `exposure`. If false, values
+    /// of surfaces above 0.8 are compressed so that they stay below white, and levels are dithered.
+    pub exact_colours: bool,
 }
 
 impl Default for FrameSettings {
     fn default() -> Self {
-        Self { poe: 0.0, samples: 1, ambient: 0.15, at_once: false }
+        Self { poe: 0.0, samples: 1, ambient: 0.15, at_once: false, exposure: 1.0, exact_colours: false }
     }
 }
 
@@ -128,7 +135,16 @@ impl FrameSettings {
         if !(1..=1024).contains(&self.samples) {
             return Err(Error::bad_argument("frame: samples must be from 1 to 1024"));
         }
+        if !self.exposure.is_finite() || self.exposure < 0.0 {
+            let text = format!("frame: exposure is {}; it must be finite and 0 or more", self.exposure);
+            return Err(Error::bad_argument(text));
+        }
         Ok(())
+    }
+
+    /// The conversion of colours to bytes.
+    pub(super) fn tone(&self) -> Tone {
+        Tone { exposure: self.exposure, exact: self.exact_colours }
     }
 }
 
@@ -274,6 +290,30 @@ impl Frame {
     /// request, with every field filled. As in the picture, a surface that the eye is on is not hit. Blocks; may read
     /// the disk. Fails with `BadArgument` outside of the picture, `BadState` before the first request.
     pub fn pick(&self, x: u32, y: u32) -> Result<Hit> {
+        let (scene, rays, _) = self.seen_at(x, y)?;
+        let (ray, ahead) = rays.ray_from(f64::from(x) + 0.5, f64::from(y) + 0.5, &scene.bounds_of_hits());
+        pick(&scene, &ray, ahead)
+    }
+
+    /// Returns a hit near a pixel, with a preference for thin parts: wires, and what covers few pixels.
+    ///
+    /// Rays go through the centre and four other points of each pixel within `radius` pixels of the pixel's centre. A
+    /// part is thin if it covers less than a fifth of the picture within `radius` of its nearest point. The result is
+    /// the nearest hit of a thin part, at equal distances that of the smaller depth; without a thin part, the hit at
+    /// the pixel itself; and if that is a miss, the nearest hit. All hits are as for [`Frame::pick`].
+    ///
+    /// Fails as [`Frame::pick`], and with `BadArgument` if `radius` is not from 0 to 32.
+    pub fn pick_near(&self, x: u32, y: u32, radius: f64) -> Result<Hit> {
+        let (scene, rays, size) = self.seen_at(x, y)?;
+        if !(0.0..=MOST_RADIUS).contains(&radius) {
+            return Err(Error::BadArgument(format!("pick: the radius is {radius}; it must be from 0 to 32 pixels")));
+        }
+        pick_near(&scene, &rays, size, (x, y), radius)
+    }
+
+    /// Returns the scene, the camera and the size of the last complete picture, or of the last request, if it has the
+    /// pixel.
+    fn seen_at(&self, x: u32, y: u32) -> Result<(Arc<SceneState>, PixelRays, (u32, u32))> {
         let seen = {
             let inner = self.shared.inner();
             let last = || inner.request.as_ref().map(|r| (Arc::clone(&r.scene), r.rays, r.size));
@@ -287,8 +327,7 @@ impl Frame {
             let text = format!("pick: pixel ({x}, {y}) is outside of the picture of {} x {} pixels", size.0, size.1);
             return Err(Error::BadArgument(text));
         }
-        let (ray, ahead) = rays.ray_from(f64::from(x) + 0.5, f64::from(y) + 0.5, &scene.bounds_of_hits());
-        pick(&scene, &ray, ahead)
+        Ok((scene, rays, size))
     }
 
     /// Maps a buffer of the last complete picture. Cheap, without a copy. Fails with `BadState` if there is no complete

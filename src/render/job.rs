@@ -508,6 +508,7 @@ impl Work for Request {
             poe: effort.poe,
             is_pressed: pressure > 1.0,
             srgb: &self.srgb,
+            tone: self.settings.tone(),
             asks,
             plain: !self.is_fine && plain::is_plain(&view, &self.rays, asks),
             is_fine: self.is_fine,

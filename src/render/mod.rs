@@ -12,6 +12,7 @@ mod pick;
 pub mod prefetch;
 pub mod status;
 mod tile;
+mod tone;
 pub(crate) mod wants;
 
 pub use film::{Buffer, Mapped, Outputs, Target};

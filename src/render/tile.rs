@@ -3,12 +3,12 @@
 use super::film::{Buffer, Outputs};
 use super::integrators::direct::{ACROSS, DOWN, Scratch};
 use super::integrators::first::First;
-use super::integrators::{Integrator, Picture};
+use super::integrators::{Colours, Integrator, Picture};
 use super::merged::Quality;
+use super::tone::Code;
 use crate::math::bits;
-use crate::math::srgb::Srgb;
 use crate::math::{BUNDLE, PACKET};
-use crate::simd::{Op, Simd, dispatch};
+use crate::simd::dispatch;
 use std::ops::Range;
 
 /// Side length of a tile in pixels.
@@ -113,7 +113,7 @@ impl TilePixels {
         self.width = (width - x).min(TILE);
         self.height = (height - y).min(TILE);
         let mut tally = Tally::default();
-        let mut sums = [[[0.0; PACKET]; 4]; PACKETS];
+        let mut sums = [[[0.0; PACKET]; 5]; PACKETS];
         let (width, height) = (self.width, self.height);
         let patch = |i: usize| {
             let [first, end] = [only.start, only.end].map(|at| at.clamp(i * PACKET, (i + 1) * PACKET) - i * PACKET);
@@ -143,7 +143,8 @@ impl TilePixels {
                     tally.count(*active, &scratch.first);
                 }
                 if sample + 1 == picture.samples {
-                    self.keep_colours(&patches[i], wanted, picture, &mut sums[i]);
+                    let at = (x + patches[i].left, y + patches[i].top);
+                    self.keep_colours(&patches[i], at, wanted, picture, &mut sums[i]);
                 }
             }
         }
@@ -157,7 +158,7 @@ impl TilePixels {
         let (width, height) = integrator.picture().size;
         let inside = |i: u32| at.0 + i % ACROSS * APART.0 < width && at.1 + i / ACROSS * APART.1 < height;
         let active = (0..PACKET as u32).filter(|&i| inside(i)).fold(0u32, |m, i| m | 1 << i);
-        let mut sums = [[0.0; PACKET]; 4];
+        let mut sums = [[0.0; PACKET]; 5];
         if let Err(need) = integrator.packet(&integrator.pixels(at, APART, 0), active, None, &mut sums, scratch) {
             scratch.wants.add(need, f32::MAX);
         }
@@ -198,15 +199,19 @@ impl TilePixels {
         }
     }
 
-    /// Copies the `wanted` colours of a packet's pixels. `sums`: the colours, summed over all samples.
-    fn keep_colours(&mut self, patch: &Patch, wanted: Outputs, picture: Picture, sums: &mut [[f32; PACKET]; 4]) {
+    /// Copies the `wanted` colours of a packet's pixels. `at`: its upper left pixel in the picture; `sums`: the
+    /// colours, summed over all samples.
+    fn keep_colours(&mut self, patch: &Patch, at: (u32, u32), wanted: Outputs, picture: Picture, sums: &mut Colours) {
         if picture.samples > 1 {
             let weight = 1.0 / picture.samples as f32;
             sums.as_flattened_mut().iter_mut().for_each(|c| *c *= weight);
         }
         if wanted.has(Buffer::ColourSrgb8) {
             let mut coded = [[0; 4]; PACKET];
-            dispatch(picture.isa, Code { srgb: picture.srgb, colour: sums, coded: &mut coded });
+            dispatch(
+                picture.isa,
+                Code { tone: picture.tone, srgb: picture.srgb, at, colours: sums, coded: &mut coded },
+            );
             for (to, from) in patch.rows() {
                 self.srgb[to].copy_from_slice(&coded[from]);
             }
@@ -249,22 +254,6 @@ impl Patch {
             let (at, of) = (((top + row) * TILE + left + first) as usize, (row * ACROSS + first) as usize);
             (count > 0).then_some((at..at + count, of..of + count))
         })
-    }
-}
-
-/// Converts the linear colours of a packet to sRGB bytes.
-struct Code<'a> {
-    srgb: &'a Srgb,
-    colour: &'a [[f32; PACKET]; 4],
-    coded: &'a mut [[u8; 4]; PACKET],
-}
-
-impl Op for Code<'_> {
-    type Out = ();
-
-    #[inline(always)]
-    fn run<S: Simd>(self, _: S) {
-        self.srgb.pixels(self.colour, self.coded);
     }
 }
 

@@ -115,6 +115,27 @@ pub struct PixelRays {
 }
 
 impl PixelRays {
+    /// The half spaces that contain the points seen between two picture points: right of the first, left of the second,
+    /// below the first, above the second, and ahead of the eye. Each is a normal n and an offset d: n·p + d >= 0
+    /// inside.
+    pub fn half_spaces(&self, [least, greatest]: [DVec2; 2]) -> [(DVec3, f64); 5] {
+        // A point p is in column half + right·(p - eye) / |right|², divided by its distance ahead in perspective.
+        let side = |pixel: DVec3, bound: f64, sign: f64| {
+            let across = pixel / pixel.length_squared();
+            let (normal, offset) =
+                if self.perspective { (across - self.forward * bound, 0.0) } else { (across, -bound) };
+            let normal = normal * sign;
+            (normal, offset * sign - normal.dot(self.eye))
+        };
+        [
+            side(self.right, least.x - self.half.0, 1.0),
+            side(self.right, greatest.x - self.half.0, -1.0),
+            side(self.down, least.y - self.half.1, 1.0),
+            side(self.down, greatest.y - self.half.1, -1.0),
+            (self.forward, -self.forward.dot(self.eye)),
+        ]
+    }
+
     /// The unit view direction.
     pub fn forward(&self) -> DVec3 {
         self.forward
@@ -222,30 +243,38 @@ impl PixelRays {
     }
 }
 
+/// Directions to the right, to the front and up of something with this up axis; Z if it is unknown.
+pub(super) fn axes(axis: UpAxis) -> [DVec3; 3] {
+    match axis {
+        UpAxis::X => [DVec3::Z, DVec3::Y, DVec3::X],
+        UpAxis::Y => [DVec3::X, DVec3::Z, DVec3::Y],
+        UpAxis::Z | UpAxis::Unknown => [DVec3::X, -DVec3::Y, DVec3::Z],
+    }
+}
+
 /// Four views from bounds: two of the whole and two from a quarter of the distance, from left and right of the front.
 pub(crate) fn default_views(bounds: &DBounds, up: UpAxis) -> [Camera; 4] {
+    let from = default_directions(up);
     let bounds = if bounds.is_empty() { DBounds::of(&[-DVec3::ONE, DVec3::ONE]) } else { *bounds };
-    let (up, front) = match up {
-        UpAxis::X => (DVec3::X, DVec3::Y),
-        UpAxis::Y => (DVec3::Y, DVec3::Z),
-        UpAxis::Z | UpAxis::Unknown => (DVec3::Z, -DVec3::Y),
-    };
-    let side = up.cross(front);
+    let up = axes(up)[2];
     let radius = (bounds.extent().length() * 0.5).max(f64::MIN_POSITIVE);
-    let fov_y_degrees = 40.0_f64;
+    let fov_y_degrees = FOV_Y;
     let distance = radius / (fov_y_degrees.to_radians() * 0.5).sin();
-    let view = |azimuth: f64, elevation: f64, distance: f64| {
+    let at = bounds.center();
+    let view = |from: DVec3, distance: f64| Camera::Perspective { eye: at + from * distance, at, up, fov_y_degrees };
+    [view(from[0], distance), view(from[1], distance), view(from[0], distance / 4.0), view(from[1], distance / 4.0)]
+}
+
+/// Vertical angle of the default views, degrees.
+pub const FOV_Y: f64 = 40.0;
+
+/// Unit directions towards the eyes of the default views: from the right of the front, and from the left of the back.
+pub fn default_directions(up: UpAxis) -> [DVec3; 2] {
+    let [side, front, up] = axes(up);
+    [(30.0_f64, 20.0_f64), (-120.0, 35.0)].map(|(azimuth, elevation)| {
         let (az, el) = (azimuth.to_radians(), elevation.to_radians());
-        let from = (front * az.cos() + side * az.sin()) * el.cos() + up * el.sin();
-        let at = bounds.center();
-        Camera::Perspective { eye: at + from * distance, at, up, fov_y_degrees }
-    };
-    [
-        view(30.0, 20.0, distance),
-        view(-120.0, 35.0, distance),
-        view(30.0, 20.0, distance / 4.0),
-        view(-120.0, 35.0, distance / 4.0),
-    ]
+        (front * az.cos() + side * az.sin()) * el.cos() + up * el.sin()
+    })
 }
 
 #[cfg(test)]

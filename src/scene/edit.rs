@@ -421,7 +421,7 @@ pub enum Scope {
 }
 
 /// Returns the indices of the parts that `ids` choose, ascending.
-fn choose(model: &Model, ids: &[u64], scope: Scope) -> Result<Vec<u32>> {
+pub(super) fn choose(model: &Model, ids: &[u64], scope: Scope) -> Result<Vec<u32>> {
     let index = |&id| model.part_index(id).ok_or_else(|| Error::bad_argument(format!("the model has no part {id}")));
     let mut chosen = ids.iter().map(index).collect::<Result<Vec<u32>>>()?;
     if scope == Scope::Below {

@@ -1,7 +1,8 @@
 //! A model: one built file, opened read-only.
 
-use super::camera::{Camera, default_views};
+use super::camera::{Camera, FOV_Y, axes, default_directions, default_views};
 use super::context::{Context, LogLevel};
+use super::fit::{Fit, Lens, MARGIN, fit_model};
 use super::part_check::PartCheck;
 use crate::base::error::{Error, Result};
 use crate::base::ids::BlockId;
@@ -313,6 +314,42 @@ impl Model {
     /// [`Model::views`] with another up axis.
     pub fn views_with(&self, up: UpAxis) -> [Camera; 4] {
         default_views(&self.0.info.bounds, up)
+    }
+
+    /// Four views for pictures of a size: 0 and 1 of the whole as large as the picture allows, from the directions of
+    /// [`Model::views`], and 2 and 3 of those. Perspective cameras of 40°.
+    pub fn fitted_views(&self, up: UpAxis, size: (u32, u32)) -> [Camera; 4] {
+        let mut views = self.views_with(up);
+        for (view, from) in views.iter_mut().zip(default_directions(up)) {
+            let (lens, margin) = (Lens::Perspective(FOV_Y), MARGIN);
+            let fit = Fit { direction: -from, up: axes(up)[2], lens, size, margin };
+            *view = fit_model(self, &fit).unwrap_or(*view);
+        }
+        views
+    }
+
+    /// Returns the transform that gives the model an up axis and a unit: it turns the model's up axis to `up`, about
+    /// the origin, and scales its units to units of `metres_per_unit` metres. Where the model does not say, its axis or
+    /// unit counts as the requested one, and stays; `None` leaves them in any case.
+    pub fn placement(&self, up: Option<UpAxis>, metres_per_unit: Option<f64>) -> Result<DAffine3> {
+        let info = self.info();
+        let turn = match (up, info.up) {
+            (Some(to), from) if from != UpAxis::Unknown && to != UpAxis::Unknown => {
+                let [to, from] = [to, from].map(|axis| DMat3::from_cols_array_2d(&axes(axis).map(|v| v.to_array())));
+                to * from.transpose()
+            }
+            _ => DMat3::IDENTITY,
+        };
+        let scale = match (metres_per_unit, info.metres_per_unit) {
+            (Some(to), _) if !(to.is_finite() && to > 0.0) => {
+                return Err(Error::bad_argument(format!(
+                    "placement: {to} metres per unit; it must be finite and above 0"
+                )));
+            }
+            (Some(to), Some(from)) => from / to,
+            _ => 1.0,
+        };
+        Ok(DAffine3 { matrix3: turn * scale, translation: DVec3::ZERO })
     }
 
     /// True if a part is transparent.

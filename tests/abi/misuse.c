@@ -511,6 +511,18 @@ static void models(oc_context *c) {
     INVALID(oc_model_get_view(NULL, 0, &camera));
     INVALID(oc_model_get_view(m, 0, NULL));
     INVALID(oc_model_get_view(m, 4, &camera));
+    double placement[12] = {77};
+    oc_placement_flags unknown = 77;
+    INVALID(oc_model_get_placement(NULL, OC_UP_Z, 1, placement, &unknown));
+    INVALID(oc_model_get_placement(m, 4, 1, placement, &unknown));
+    INVALID(oc_model_get_placement(m, OC_UP_Z, -1, placement, &unknown));
+    INVALID(oc_model_get_placement(m, OC_UP_Z, NAN, placement, &unknown));
+    INVALID(oc_model_get_placement(m, OC_UP_Z, 1, NULL, &unknown));
+    CHECK(placement[0] == 77 && unknown == 77);
+    OK(oc_model_get_placement(m, OC_UP_UNKNOWN, 0, placement, NULL));
+    CHECK(placement[0] == 1 && placement[4] == 1 && placement[8] == 1 && placement[1] == 0 && placement[9] == 0);
+    OK(oc_model_get_placement(m, OC_UP_Z, 1, placement, &unknown));
+    CHECK((unknown & ~(OC_PLACEMENT_UP_UNKNOWN | OC_PLACEMENT_UNIT_UNKNOWN)) == 0);
     CHECK(index == 77);
     OK(oc_model_find_part(m, 7, &index));
     OK(oc_model_get_part(m, index, &part));
@@ -1117,6 +1129,77 @@ static void prefetches(oc_scene *s0) {
     oc_job_release(job); /* before anybody began it */
 }
 
+/* Rays and frusta of a camera, and cameras that fit a scene. */
+static void views(oc_context *c, oc_scene *s0) {
+    oc_camera camera, fitted;
+    oc_fit fit;
+    oc_ray ray;
+    oc_hit hit;
+    oc_query query;
+    oc_plane planes[5];
+    oc_scene *empty = NULL;
+    uint64_t count = 0;
+    OC_INIT(&camera);
+    OC_INIT(&fitted);
+    OC_INIT(&fit);
+    OC_INIT(&query);
+    camera.eye[2] = 5;
+    INVALID(oc_camera_ray(NULL, 8, 6, 4, 3, &ray));
+    INVALID(oc_camera_ray(&camera, 0, 6, 4, 3, &ray));
+    INVALID(oc_camera_ray(&camera, 8, 6, NAN, 3, &ray));
+    INVALID(oc_camera_ray(&camera, 8, 6, 4, INFINITY, &ray));
+    INVALID(oc_camera_ray(&camera, 8, 6, 4, 3, NULL));
+    INVALID(oc_camera_ray(&camera, 8, 6, 4, 3, &ray)); /* up, +Z, is parallel to the view */
+    GARBAGE_SIZES(oc_camera, oc_camera_ray(s, 8, 6, 4, 3, &ray));
+    camera.up[1] = 1;
+    OK(oc_camera_ray(&camera, 8, 6, 4, 3, &ray));
+    CHECK(ray.origin[2] == 5 && ray.direction[2] == -1 && ray.t_min == 0 && ray.t_max == 0 && ray.mask == 0);
+    CHECK(ray.cone_a == 0 && ray.cone_b > 0.13f && ray.cone_b < 0.14f); /* 2 tan(22.5 degrees) / 6 */
+    INVALID(oc_camera_frustum(NULL, 8, 6, 0, 0, 8, 6, planes));
+    INVALID(oc_camera_frustum(&camera, 8, 0, 0, 0, 8, 6, planes));
+    INVALID(oc_camera_frustum(&camera, 8, 6, 0, 0, 8, NAN, planes));
+    INVALID(oc_camera_frustum(&camera, 8, 6, 0, 0, 8, 6, NULL));
+    GARBAGE_SIZES(oc_camera, oc_camera_frustum(s, 8, 6, 0, 0, 8, 6, planes));
+
+    INVALID(oc_scene_fit(s0, &fit, NULL, 0, 0, &fitted)); /* 0 by 0 */
+    fit.width = 8, fit.height = 6;
+    INVALID(oc_scene_fit(NULL, &fit, NULL, 0, 0, &fitted));
+    INVALID(oc_scene_fit(s0, NULL, NULL, 0, 0, &fitted));
+    INVALID(oc_scene_fit(s0, &fit, NULL, 1, 0, &fitted));
+    INVALID(oc_scene_fit(s0, &fit, NULL, 0, 0, NULL));
+    GARBAGE_SIZES(oc_fit, oc_scene_fit(s0, s, NULL, 0, 0, &fitted));
+    GARBAGE_SIZES(oc_camera, oc_scene_fit(s0, &fit, NULL, 0, 0, s));
+    oc_fit bad[9];
+    for (int i = 0; i < 9; i++) bad[i] = fit;
+    bad[0].kind = 2, bad[1].view = 11, bad[2].up_axis = 4, bad[3].view = OC_VIEW_ALONG, bad[4].fov_y = 180;
+    bad[5].margin = 0.5, bad[6].flags = 2, bad[7].reserved = 1, bad[8].margin = NAN;
+    for (int i = 0; i < 9; i++) INVALID(oc_scene_fit(s0, &bad[i], NULL, 0, 0, &fitted));
+    const oc_part_ref unknown[] = {{12345, OC_NO_ID}};
+    INVALID(oc_scene_fit(s0, &fit, unknown, 1, 0, &fitted));
+    CHECK(strstr(oc_last_error(), "12345"));
+    OK(oc_scene_create(c, &empty));
+    EXPECT(OC_STATUS_INVALID_STATE, oc_scene_fit(empty, &fit, NULL, 0, 0, &fitted));
+    oc_scene_release(empty);
+    for (oc_view view = 0; view <= OC_VIEW_ALONG; view++) {
+        fit.view = view, fit.direction[2] = -1, fit.kind = view % 2;
+        OK(oc_scene_fit(s0, &fit, NULL, 0, 0, &fitted));
+        CHECK(fitted.kind == view % 2);
+        /* What is selected in the whole picture is all, and fits as all does. */
+        oc_overlap found[64];
+        oc_camera again;
+        OC_INIT(&again);
+        OK(oc_camera_frustum(&fitted, 8, 6, 8, 6, 0, 0, planes));
+        OK(oc_scene_overlap_frustum(s0, planes, 5, found, 64, &count));
+        CHECK(count > 0);
+        OK(oc_scene_fit(s0, &fit, (const oc_part_ref *)found, count, sizeof(oc_overlap), &again));
+        for (int axis = 0; axis < 3; axis++) CHECK(fabs(again.eye[axis] - fitted.eye[axis]) < 1e-9);
+    }
+    /* The ray through the middle of the picture hits what the camera fits. */
+    OK(oc_camera_ray(&fitted, 8, 6, 4, 3, &ray));
+    query.rays = &ray, query.count = 1;
+    OK(oc_scene_closest(s0, &query, &hit, 0));
+}
+
 static void frames(oc_context *c, oc_scene *s0) {
     oc_frame *f = NULL;
     oc_frame_desc desc;
@@ -1165,7 +1248,7 @@ static void frames(oc_context *c, oc_scene *s0) {
     INVALID(oc_frame_create(c, &desc, &f));
     target.row_pitch = UINT64_MAX;
     INVALID(oc_frame_create(c, &desc, &f));
-    target.row_pitch = 20, target.buffer = 9;
+    target.row_pitch = 20, target.buffer = 10;
     INVALID(oc_frame_create(c, &desc, &f));
     target.buffer = 0, target.reserved = 1;
     INVALID(oc_frame_create(c, &desc, &f));
@@ -1189,6 +1272,7 @@ static void frames(oc_context *c, oc_scene *s0) {
     camera.up[1] = 1;
     EXPECT(OC_STATUS_INVALID_STATE, oc_frame_map(f, 0, &pixels)); /* nothing rendered yet */
     EXPECT(OC_STATUS_INVALID_STATE, oc_frame_pick(f, 0, 0, &hit));
+    EXPECT(OC_STATUS_INVALID_STATE, oc_frame_pick_near(f, 0, 0, 4, &hit));
     OK(oc_frame_poll(f, &progress));
     CHECK(progress.state == OC_STATE_IDLE);
     OK(oc_frame_wait(f, OC_FOREVER, &progress)); /* nothing to wait for */
@@ -1222,7 +1306,7 @@ static void frames(oc_context *c, oc_scene *s0) {
     }
     settings.poe = 0, settings.ambient = NAN;
     INVALID(oc_frame_request(f, s0, &camera, &settings));
-    settings.ambient = 0, settings.flags = 2;
+    settings.ambient = 0, settings.flags = 4;
     INVALID(oc_frame_request(f, s0, &camera, &settings));
     oc_context *other;
     oc_scene *foreign;
@@ -1258,6 +1342,13 @@ static void frames(oc_context *c, oc_scene *s0) {
     INVALID(oc_frame_pick(f, 4, 0, &hit));
     INVALID(oc_frame_pick(f, 0, 0xffffffff, &hit));
     OK(oc_frame_pick(f, 3, 2, &hit));
+    INVALID(oc_frame_pick_near(NULL, 0, 0, 4, &hit));
+    INVALID(oc_frame_pick_near(f, 0, 0, 4, NULL));
+    INVALID(oc_frame_pick_near(f, 4, 0, 4, &hit));
+    INVALID(oc_frame_pick_near(f, 0, 0, -1, &hit));
+    INVALID(oc_frame_pick_near(f, 0, 0, 33, &hit));
+    INVALID(oc_frame_pick_near(f, 0, 0, NAN, &hit));
+    OK(oc_frame_pick_near(f, 3, 2, 32, &hit));
     INVALID(oc_frame_map(NULL, 0, &pixels));
     INVALID(oc_frame_map(f, 0, NULL));
     INVALID(oc_frame_map(f, 10, &pixels));
@@ -1310,6 +1401,7 @@ int main(int argc, char **argv) {
     parts_at(s0);
     thickness(s0);
     prefetches(s0);
+    views(c, s0);
     frames(c, s0);
     oc_context_release(c); /* before what was made from it */
     oc_scene_release(s0);

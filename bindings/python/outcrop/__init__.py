@@ -43,11 +43,13 @@ from ._queries import Hit
 from ._ragged import Ragged
 from ._scene import Scene
 from ._values import *  # noqa: F403
+from ._views import camera_frustum, camera_ray
 
 __all__ = [
     "ALL_THREADS", "CROSSING", "HEADER_VERSION", "HIT", "NO_ID", "NO_INDEX", "OVERLAP", "PART_AT", "PLANE", "RAY",
     "TRIANGLE", "ArgumentError", "Build",
     "BuildJob", "BuildReport", "Cancelled", "Context", "Error", "Frame", "Hit", "InputError", "InternalError", "Job",
     "LimitError", "MachineError", "Mesh", "Model", "Picture", "Ragged", "Reader", "Resolver", "Scene", "StateError",
-    "VersionError", "__version__", "empty_hits", "library_path", "live", "rays", *_enums.__all__, *_values.__all__,
+    "VersionError", "__version__", "camera_frustum", "camera_ray", "empty_hits", "library_path", "live", "rays",
+    *_enums.__all__, *_values.__all__,
 ]

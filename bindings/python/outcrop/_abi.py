@@ -70,6 +70,32 @@ class oc_context_desc(Sized):
     ]
 
 
+class oc_camera(Sized):
+    """A camera in world space. All numbers must be finite."""
+
+    _fields_ = [
+        ("struct_size", c.c_uint32), ("kind", c.c_uint32), ("eye", c.c_double * 3), ("at", c.c_double * 3),
+        ("up", c.c_double * 3), ("fov_y", c.c_double), ("height", c.c_double),
+    ]
+
+
+class oc_ray(c.Structure):
+    """A ray. Element of an array. Distances `t` along a ray are in units of the length of `direction`."""
+
+    _fields_ = [
+        ("origin", c.c_double * 3), ("t_min", c.c_double), ("t_max", c.c_double), ("direction", c.c_float * 3),
+        ("cone_a", c.c_float), ("cone_b", c.c_float), ("mask", c.c_uint32),
+    ]
+
+
+class oc_plane(c.Structure):
+    """A half space: the points p with dot(normal, p) + d >= 0, in world space. Element of an array."""
+
+    _fields_ = [
+        ("normal", c.c_double * 3), ("d", c.c_double),
+    ]
+
+
 class oc_resolved(Sized):
     """Receives the answer of oc_resolve_fn. All members but `struct_size` are 0 or NULL before the call."""
 
@@ -168,15 +194,6 @@ class oc_part_info(Sized):
     ]
 
 
-class oc_camera(Sized):
-    """A camera in world space. All numbers must be finite."""
-
-    _fields_ = [
-        ("struct_size", c.c_uint32), ("kind", c.c_uint32), ("eye", c.c_double * 3), ("at", c.c_double * 3),
-        ("up", c.c_double * 3), ("fov_y", c.c_double), ("height", c.c_double),
-    ]
-
-
 class oc_light(c.Structure):
     """A light. Element of an array. All zeros: a white headlight."""
 
@@ -201,15 +218,6 @@ class oc_look(Sized):
 
     _fields_ = [
         ("struct_size", c.c_uint32), ("flags", c.c_uint32), ("colour", c.c_float * 4),
-    ]
-
-
-class oc_ray(c.Structure):
-    """A ray. Element of an array. Distances `t` along a ray are in units of the length of `direction`."""
-
-    _fields_ = [
-        ("origin", c.c_double * 3), ("t_min", c.c_double), ("t_max", c.c_double), ("direction", c.c_float * 3),
-        ("cone_a", c.c_float), ("cone_b", c.c_float), ("mask", c.c_uint32),
     ]
 
 
@@ -267,11 +275,21 @@ class oc_overlap(c.Structure):
     ]
 
 
-class oc_plane(c.Structure):
-    """A half space: the points p with dot(normal, p) + d >= 0, in world space. Element of an array."""
+class oc_fit(Sized):
+    """The picture for which oc_scene_fit finds a camera. `width` and `height` must be set."""
 
     _fields_ = [
-        ("normal", c.c_double * 3), ("d", c.c_double),
+        ("struct_size", c.c_uint32), ("kind", c.c_uint32), ("width", c.c_uint32), ("height", c.c_uint32),
+        ("view", c.c_uint32), ("up_axis", c.c_uint32), ("direction", c.c_double * 3), ("up", c.c_double * 3),
+        ("fov_y", c.c_double), ("margin", c.c_double), ("flags", c.c_uint32), ("reserved", c.c_uint32),
+    ]
+
+
+class oc_part_ref(c.Structure):
+    """A part of an instance. Element of an array."""
+
+    _fields_ = [
+        ("instance", c.c_uint64), ("part", c.c_uint64),
     ]
 
 
@@ -298,7 +316,7 @@ class oc_frame_settings(Sized):
 
     _fields_ = [
         ("struct_size", c.c_uint32), ("samples", c.c_uint32), ("poe", c.c_float), ("ambient", c.c_float),
-        ("flags", c.c_uint32),
+        ("flags", c.c_uint32), ("exposure", c.c_float),
     ]
 
 
@@ -324,9 +342,9 @@ class oc_pixels(Sized):
 
 
 STRUCTS: list[type[c.Structure]] = [
-    oc_progress, oc_executor, oc_context_desc, oc_resolved, oc_build_desc, oc_material, oc_part, oc_triangles,
-    oc_build_report, oc_io, oc_model_info, oc_part_info, oc_camera, oc_light, oc_background, oc_look, oc_ray,
-    oc_query, oc_hit, oc_triangle, oc_crossing, oc_part_at, oc_overlap, oc_plane, oc_target, oc_frame_desc,
+    oc_progress, oc_executor, oc_context_desc, oc_camera, oc_ray, oc_plane, oc_resolved, oc_build_desc, oc_material,
+    oc_part, oc_triangles, oc_build_report, oc_io, oc_model_info, oc_part_info, oc_light, oc_background, oc_look,
+    oc_query, oc_hit, oc_triangle, oc_crossing, oc_part_at, oc_overlap, oc_fit, oc_part_ref, oc_target, oc_frame_desc,
     oc_frame_settings, oc_frame_accuracy, oc_pixels,
 ]
 """All structs, in the order of the header."""
@@ -352,6 +370,8 @@ class Functions:
     oc_context_property: Callable[..., int]
     oc_context_retain: Callable[..., None]
     oc_context_release: Callable[..., None]
+    oc_camera_ray: Callable[..., int]
+    oc_camera_frustum: Callable[..., int]
     oc_build_create: Callable[..., int]
     oc_build_add_file: Callable[..., int]
     oc_build_start: Callable[..., int]
@@ -371,6 +391,7 @@ class Functions:
     oc_model_get_part: Callable[..., int]
     oc_model_find_part: Callable[..., int]
     oc_model_get_view: Callable[..., int]
+    oc_model_get_placement: Callable[..., int]
     oc_model_retain: Callable[..., None]
     oc_model_release: Callable[..., None]
     oc_scene_create: Callable[..., int]
@@ -403,6 +424,7 @@ class Functions:
     oc_scene_thickness: Callable[..., int]
     oc_scene_overlap_box: Callable[..., int]
     oc_scene_overlap_frustum: Callable[..., int]
+    oc_scene_fit: Callable[..., int]
     oc_frame_create: Callable[..., int]
     oc_frame_request: Callable[..., int]
     oc_frame_poll: Callable[..., int]
@@ -412,6 +434,7 @@ class Functions:
     oc_frame_set_wake: Callable[..., int]
     oc_frame_get_accuracy: Callable[..., int]
     oc_frame_pick: Callable[..., int]
+    oc_frame_pick_near: Callable[..., int]
     oc_frame_retain: Callable[..., None]
     oc_frame_release: Callable[..., None]
     oc_frame_map: Callable[..., int]
@@ -439,6 +462,10 @@ SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "oc_context_property": (c.c_uint32, [c.c_void_p, c.c_uint32, c.c_void_p]),
     "oc_context_retain": (None, [c.c_void_p]),
     "oc_context_release": (None, [c.c_void_p]),
+    "oc_camera_ray": (c.c_uint32, [c.c_void_p, c.c_uint32, c.c_uint32, c.c_double, c.c_double, c.c_void_p]),
+    "oc_camera_frustum": (c.c_uint32, [
+        c.c_void_p, c.c_uint32, c.c_uint32, c.c_double, c.c_double, c.c_double, c.c_double, c.c_void_p,
+    ]),
     "oc_build_create": (c.c_uint32, [c.c_void_p, c.c_void_p, c.c_void_p]),
     "oc_build_add_file": (c.c_uint32, [c.c_void_p, c.c_char_p]),
     "oc_build_start": (c.c_uint32, [c.c_void_p, c.c_char_p, c.c_void_p]),
@@ -458,6 +485,7 @@ SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "oc_model_get_part": (c.c_uint32, [c.c_void_p, c.c_uint32, c.c_void_p]),
     "oc_model_find_part": (c.c_uint32, [c.c_void_p, c.c_uint64, c.c_void_p]),
     "oc_model_get_view": (c.c_uint32, [c.c_void_p, c.c_uint32, c.c_void_p]),
+    "oc_model_get_placement": (c.c_uint32, [c.c_void_p, c.c_uint32, c.c_double, c.c_void_p, c.c_void_p]),
     "oc_model_retain": (None, [c.c_void_p]),
     "oc_model_release": (None, [c.c_void_p]),
     "oc_scene_create": (c.c_uint32, [c.c_void_p, c.c_void_p]),
@@ -498,6 +526,7 @@ SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "oc_scene_overlap_frustum": (c.c_uint32, [
         c.c_void_p, c.c_void_p, c.c_uint64, c.c_void_p, c.c_uint64, c.c_void_p,
     ]),
+    "oc_scene_fit": (c.c_uint32, [c.c_void_p, c.c_void_p, c.c_void_p, c.c_uint64, c.c_uint64, c.c_void_p]),
     "oc_frame_create": (c.c_uint32, [c.c_void_p, c.c_void_p, c.c_void_p]),
     "oc_frame_request": (c.c_uint32, [c.c_void_p, c.c_void_p, c.c_void_p, c.c_void_p]),
     "oc_frame_poll": (c.c_uint32, [c.c_void_p, c.c_void_p]),
@@ -507,6 +536,7 @@ SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "oc_frame_set_wake": (c.c_uint32, [c.c_void_p, oc_wake_fn, c.c_void_p]),
     "oc_frame_get_accuracy": (c.c_uint32, [c.c_void_p, c.c_void_p]),
     "oc_frame_pick": (c.c_uint32, [c.c_void_p, c.c_uint32, c.c_uint32, c.c_void_p]),
+    "oc_frame_pick_near": (c.c_uint32, [c.c_void_p, c.c_uint32, c.c_uint32, c.c_double, c.c_void_p]),
     "oc_frame_retain": (None, [c.c_void_p]),
     "oc_frame_release": (None, [c.c_void_p]),
     "oc_frame_map": (c.c_uint32, [c.c_void_p, c.c_uint32, c.c_void_p]),
@@ -521,18 +551,20 @@ SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
 
 FALLIBLE = frozenset([
     "oc_job_poll", "oc_job_wait", "oc_job_cancel", "oc_job_set_wake", "oc_job_model", "oc_context_create",
-    "oc_context_step", "oc_context_property", "oc_build_create", "oc_build_add_file", "oc_build_start",
-    "oc_build_add_material", "oc_build_add_part", "oc_build_add_shared_mesh", "oc_build_add_instance",
-    "oc_build_add_triangles", "oc_job_build_report", "oc_job_build_note", "oc_model_open", "oc_model_open_io",
-    "oc_model_load", "oc_model_get_info", "oc_model_get_part", "oc_model_find_part", "oc_model_get_view",
-    "oc_scene_create", "oc_scene_add_instance", "oc_scene_remove_instance", "oc_scene_set_transform",
-    "oc_scene_set_instance_mask", "oc_scene_set_lights", "oc_scene_set_background", "oc_scene_commit",
-    "oc_scene_set_instance_look", "oc_scene_set_part_look", "oc_scene_set_parts_look", "oc_scene_isolate",
-    "oc_scene_set_model", "oc_scene_clear_part_looks", "oc_scene_closest", "oc_scene_any", "oc_scene_closest_start",
-    "oc_scene_any_start", "oc_model_read_part", "oc_part_reader_next", "oc_scene_triangles", "oc_scene_crossings",
-    "oc_scene_parts_at", "oc_scene_thickness", "oc_scene_overlap_box", "oc_scene_overlap_frustum", "oc_frame_create",
-    "oc_frame_request", "oc_frame_poll", "oc_frame_wait", "oc_frame_cancel", "oc_frame_resize", "oc_frame_set_wake",
-    "oc_frame_get_accuracy", "oc_frame_pick", "oc_frame_map", "oc_scene_prefetch_box", "oc_scene_prefetch_camera",
+    "oc_context_step", "oc_context_property", "oc_camera_ray", "oc_camera_frustum", "oc_build_create",
+    "oc_build_add_file", "oc_build_start", "oc_build_add_material", "oc_build_add_part", "oc_build_add_shared_mesh",
+    "oc_build_add_instance", "oc_build_add_triangles", "oc_job_build_report", "oc_job_build_note", "oc_model_open",
+    "oc_model_open_io", "oc_model_load", "oc_model_get_info", "oc_model_get_part", "oc_model_find_part",
+    "oc_model_get_view", "oc_model_get_placement", "oc_scene_create", "oc_scene_add_instance",
+    "oc_scene_remove_instance", "oc_scene_set_transform", "oc_scene_set_instance_mask", "oc_scene_set_lights",
+    "oc_scene_set_background", "oc_scene_commit", "oc_scene_set_instance_look", "oc_scene_set_part_look",
+    "oc_scene_set_parts_look", "oc_scene_isolate", "oc_scene_set_model", "oc_scene_clear_part_looks",
+    "oc_scene_closest", "oc_scene_any", "oc_scene_closest_start", "oc_scene_any_start", "oc_model_read_part",
+    "oc_part_reader_next", "oc_scene_triangles", "oc_scene_crossings", "oc_scene_parts_at", "oc_scene_thickness",
+    "oc_scene_overlap_box", "oc_scene_overlap_frustum", "oc_scene_fit", "oc_frame_create", "oc_frame_request",
+    "oc_frame_poll", "oc_frame_wait", "oc_frame_cancel", "oc_frame_resize", "oc_frame_set_wake",
+    "oc_frame_get_accuracy", "oc_frame_pick", "oc_frame_pick_near", "oc_frame_map", "oc_scene_prefetch_box",
+    "oc_scene_prefetch_camera",
 ])
 """Functions that return a status."""
 

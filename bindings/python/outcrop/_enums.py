@@ -158,6 +158,15 @@ class Property(enum.IntEnum):
     """Bytes of the memory budget that are in use now."""
 
 
+class CameraKind(enum.IntEnum):
+    """Kind of a camera."""
+
+    PERSPECTIVE = 0
+    """All rays start at the eye."""
+    ORTHOGRAPHIC = 1
+    """Parallel rays start on a plane through the eye. Nothing behind the plane is visible."""
+
+
 class Structure(enum.IntEnum):
     """Acceleration structure of a model."""
 
@@ -217,7 +226,7 @@ class UpAxis(enum.IntEnum):
     """Axis that points up."""
 
     UNKNOWN = 0
-    """Unknown. The views of oc_model_get_view then take +Z."""
+    """Unknown. The views of oc_model_get_view and oc_scene_fit then take +Z."""
     X = 1
     """+X."""
     Y = 2
@@ -240,13 +249,13 @@ class PartFlags(enum.IntFlag):
     """
 
 
-class CameraKind(enum.IntEnum):
-    """Kind of a camera."""
+class PlacementFlags(enum.IntFlag):
+    """Flags of oc_model_get_placement."""
 
-    PERSPECTIVE = 0
-    """All rays start at the eye."""
-    ORTHOGRAPHIC = 1
-    """Parallel rays start on a plane through the eye. Nothing behind the plane is visible."""
+    UP_UNKNOWN = 1
+    """The model does not say which axis is up: it was not turned."""
+    UNIT_UNKNOWN = 2
+    """The model does not say how long its unit is: it was not scaled."""
 
 
 class LightKind(enum.IntEnum):
@@ -378,6 +387,35 @@ class OverlapKind(enum.IntEnum):
     """All of the part is inside the volume."""
 
 
+class View(enum.IntEnum):
+    """Direction of a view, relative to an up axis. Front is the side towards -Y if Z is up, +Z if Y is up, +Y if X
+    is up. Left and right are as seen from the front.
+    """
+
+    ISO_FRONT_RIGHT = 0
+    """From the front, the right and above, all three at the same angle."""
+    ISO_FRONT_LEFT = 1
+    """From the front, the left and above."""
+    ISO_BACK_RIGHT = 2
+    """From the back, the right and above."""
+    ISO_BACK_LEFT = 3
+    """From the back, the left and above."""
+    FRONT = 4
+    """From the front."""
+    BACK = 5
+    """From the back."""
+    LEFT = 6
+    """From the left."""
+    RIGHT = 7
+    """From the right."""
+    TOP = 8
+    """From above. The back is up in the picture."""
+    BOTTOM = 9
+    """From below. The front is up in the picture."""
+    ALONG = 10
+    """Along `direction` of Fit."""
+
+
 class Buffer(enum.IntEnum):
     """Buffer of a picture. The first row is the top one, the first pixel of a row the left one."""
 
@@ -417,6 +455,15 @@ class FrameFlags(enum.IntFlag):
     places than those before. The threshold may depend on earlier views. Without this flag the request goes on
     until the picture is as requested, whatever was seen before.
     """
+    EXACT_COLOURS = 2
+    """Each value in Buffer.COLOUR_SRGB8 is the level nearest to that in Buffer.COLOUR_LINEAR times `exposure`.
+    Without this flag:
+    - Linear values of surfaces above 0.8 are compressed so that they stay below white, and bright parts keep
+      their shading. Values up to 0.8 and backgrounds stay as they are.
+    - Gradients are dithered, so that they have no bands: a value between two levels becomes one or the other, by
+      an ordered pattern that depends only on the place of the pixel. A colour that is a level stays that level
+      everywhere.
+    """
 
 
 class Format(enum.IntEnum):
@@ -437,7 +484,8 @@ class Format(enum.IntEnum):
 
 
 __all__ = [
-    "Status", "State", "Phase", "LogLevel", "InstructionSet", "ContextFlags", "Property", "Structure", "Splits",
-    "Resolution", "Scalar", "Index", "UpAxis", "PartFlags", "CameraKind", "LightKind", "LookFlags", "PartsFlags",
-    "Want", "QueryFlags", "HitKind", "Side", "Holds", "OverlapKind", "Buffer", "FrameFlags", "Format",
+    "Status", "State", "Phase", "LogLevel", "InstructionSet", "ContextFlags", "Property", "CameraKind", "Structure",
+    "Splits", "Resolution", "Scalar", "Index", "UpAxis", "PartFlags", "PlacementFlags", "LightKind", "LookFlags",
+    "PartsFlags", "Want", "QueryFlags", "HitKind", "Side", "Holds", "OverlapKind", "View", "Buffer", "FrameFlags",
+    "Format",
 ]

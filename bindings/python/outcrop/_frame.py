@@ -160,6 +160,16 @@ class Frame(Handle):
         lib.oc_frame_pick(self._h, whole("x", x, 32), whole("y", y, 32), c.byref(hit))
         return Hit._from_c(hit)
 
+    def pick_near(self, x: int, y: int, radius: float = 4.0) -> Hit:
+        """Returns a hit within a radius in pixels, with a preference for thin parts, such as wires of less than a pixel.
+
+        A part is thin if it covers less than a fifth of the picture within `radius` of its nearest point. Without one,
+        the hit is that at the pixel; or, if that is a miss, the nearest.
+        """
+        hit = _abi.oc_hit()
+        lib.oc_frame_pick_near(self._h, whole("x", x, 32), whole("y", y, 32), radius, c.byref(hit))
+        return Hit._from_c(hit)
+
     def on_picture(self, listener: Callable[[], object] | None) -> None:
         """Calls the function for each better picture and at the end of each request, from any thread. None: no more.
 
@@ -242,6 +252,10 @@ class Picture:
     def pick(self, x: int, y: int) -> Hit:
         """Returns the exact hit at a pixel, counted from the top left corner. A miss is false."""
         return self._frame.pick(x, y)
+
+    def pick_near(self, x: int, y: int, radius: float = 4.0) -> Hit:
+        """Returns a hit within a radius in pixels, with a preference for thin parts. See `Frame.pick_near`."""
+        return self._frame.pick_near(x, y, radius)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
         wants_copy = copy or (dtype is not None and numpy.dtype(dtype) != self.pixels.dtype)

@@ -10,9 +10,11 @@ import numpy
 from numpy.typing import NDArray
 
 from . import _abi
-from ._arrays import TRIANGLE, address
+from ._arrays import TRIANGLE, Array, address
+from ._enums import PlacementFlags, UpAxis
 from ._handles import Handle, made
 from ._library import lib
+from ._value import whole
 from ._values import Camera, ModelInfo, PartInfo
 
 
@@ -96,10 +98,25 @@ class Model(Handle):
         return numpy.concatenate(some) if some else numpy.empty(0, TRIANGLE)
 
     def view(self, number: int = 0) -> Camera:
-        """Returns a perspective camera: 0 and 1 show the whole model, 2 and 3 from a quarter of the distance."""
+        """Returns a perspective camera: 0 and 1 show the whole model, 2 and 3 are closer. See `Scene.fit`."""
         camera = _abi.oc_camera()
         lib.oc_model_get_view(self._h, number, c.byref(camera))
         return Camera._from_c(camera)
+
+    def placement(self, up: UpAxis = UpAxis.UNKNOWN, metres_per_unit: float = 0) -> tuple[Array, PlacementFlags]:
+        """Returns the (4, 4) transform that gives the model this up axis and unit, for `Scene.add`, and what it lacks.
+
+        With the same arguments for each model of a scene, all stand upright and have the same scale. The flags say
+        what was asked but the model does not say: it is then not turned or not scaled.
+
+        up: the up axis of the world. UNKNOWN: the model is not turned.
+        metres_per_unit: length of a unit of the world, e.g. 0.001 for millimetres. 0: the model is not scaled.
+        """
+        columns, flags = (c.c_double * 12)(), c.c_uint32()
+        lib.oc_model_get_placement(self._h, whole("up", up, 32), metres_per_unit, columns, c.byref(flags))
+        matrix = numpy.eye(4)
+        matrix[:3] = numpy.reshape(columns, (4, 3)).T
+        return matrix, PlacementFlags(flags.value)
 
     def __repr__(self) -> str:
         if self.closed:

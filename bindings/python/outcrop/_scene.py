@@ -7,17 +7,18 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any, Union
 
+import numpy
 from numpy.typing import ArrayLike
 
 from . import _abi
-from ._arrays import address, ids, matrix
+from ._arrays import OVERLAP, Array, address, ids, matrix
 from ._enums import LookFlags, PartsFlags
 from ._handles import Reference, made
 from ._library import lib
 from ._model import Model
 from ._queries import Queries
 from ._value import Vector, numbers, whole
-from ._values import Background, Light
+from ._values import Background, Camera, Fit, Light
 
 Placed = Union[Model, "tuple[int, Model]", "tuple[int, Model, ArrayLike | None]"]
 """An instance: a model, or (id, model), or (id, model, transform)."""
@@ -120,6 +121,28 @@ class Scene(Queries):
         chosen = ids("parts", parts)
         lib.oc_scene_isolate(self._h, whole("instance", instance), address(chosen), len(chosen),
                              PartsFlags.BELOW if below else 0)
+
+    def fit(self, fit: Fit, parts: ArrayLike | Array | None = None, instance: int = 1) -> Camera:
+        """Returns the camera that shows the visible parts, or chosen ones, as large as the picture allows.
+
+        fit: the picture and the view, e.g. `Fit(width=1024, height=768, view=View.FRONT)`.
+        parts: ids of parts of `instance`, or an array of dtype OVERLAP, as `overlap_frustum` returns it. None or empty:
+            all parts of the scene.
+
+        Raises:
+            StateError: none of the parts is visible and has triangles.
+        """
+        chosen: Array
+        if isinstance(parts, numpy.ndarray) and parts.dtype == OVERLAP:
+            chosen = numpy.ascontiguousarray(parts)
+        else:
+            listed = ids("parts", [] if parts is None else parts)
+            chosen = numpy.empty(len(listed), OVERLAP)
+            chosen["instance"], chosen["part"] = whole("instance", instance), listed
+        camera = _abi.oc_camera()
+        lib.oc_scene_fit(self._h, c.byref(fit._to_c()), address(chosen), len(chosen), OVERLAP.itemsize,
+                         c.byref(camera))
+        return Camera._from_c(camera)
 
     def clear_part_looks(self, instance: int = 1) -> None:
         """Shows all parts of an instance as in the file."""

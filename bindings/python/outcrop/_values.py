@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 from . import _abi
 from ._enums import (
-    CameraKind, FrameFlags, HitKind, Holds, LightKind, LookFlags, OverlapKind, PartFlags, Phase, Side, Splits, State,
-    Status, Structure, UpAxis,
+    CameraKind, FrameFlags, HitKind, Holds, LightKind, LookFlags, OverlapKind, PartFlags, PartsFlags, Phase, Side,
+    Splits, State, Status, Structure, UpAxis, View,
 )
 from ._value import Value, Vector
 
@@ -39,6 +39,73 @@ class Progress(Value):
     """
     phase: Phase = Phase(0)
     """Builds and loads: one of the Phase constants."""
+
+
+@dataclass
+class Camera(Value):
+    """A camera in world space. All numbers must be finite."""
+
+    _struct = _abi.oc_camera
+
+    kind: CameraKind = CameraKind(0)
+    """One of the CameraKind constants."""
+    eye: Vector = (0.0, 0.0, 0.0)
+    """Position of the eye. Orthographic: the centre of the picture's plane."""
+    at: Vector = (0.0, 0.0, 0.0)
+    """Target point. Only the direction from the eye to it matters. Must differ from the eye."""
+    up: Vector = (0.0, 0.0, 0.0)
+    """Direction that is up in the picture. Need not be unit. Must not be parallel to the view. All 0: +Z."""
+    fov_y: float = 0.0
+    """Perspective: vertical field of view in degrees, above 0 and below 180. 0: 45. Orthographic: ignored."""
+    height: float = 0.0
+    """Orthographic: height of the picture in world units, above 0. Perspective: ignored."""
+
+
+@dataclass
+class Ray(Value):
+    """A ray. Element of an array. Distances `t` along a ray are in units of the length of `direction`."""
+
+    _struct = _abi.oc_ray
+
+    origin: Vector = (0.0, 0.0, 0.0)
+    """Start point, world space. Not finite: the ray misses."""
+    t_min: float = 0.0
+    """Start of the interval: hits with a smaller `t` are ignored. Below 0: counts as 0. Infinite or NaN: the ray
+    misses.
+    """
+    t_max: float = 0.0
+    """End of the interval: hits with a greater `t` are ignored. 0: no end. Below `t_min` or NaN: the ray misses."""
+    direction: Vector = (0.0, 0.0, 0.0)
+    """Direction; need not be unit. Zero or not finite: the ray misses. Components below 1.2e-38 count as zero."""
+    cone_a: float = 0.0
+    """Footprint of the ray: its width at `t` is `cone_a + cone_b * t`, in world units. A stand-in may replace
+    triangles if the area of its box, projected along the ray, is at most the square of the width there.
+
+    - Exact answers: `cone_a` = 0, `cone_b` = 0.
+    - p pixels of error, perspective camera, direction of length 1 along the view axis: `cone_a` = 0, `cone_b` =
+      sqrt(p) * 2 tan(fov_y / 2) / (height of the picture in pixels). For a unit direction at the angle a to that
+      axis, times cos(a).
+    - p pixels of error, orthographic camera: `cone_b` = 0, `cone_a` = sqrt(p) * (height of the picture in world
+      units) / (height of the picture in pixels).
+
+    Below 0 or NaN: counts as 0. Infinite: the coarsest stand-ins.
+    """
+    cone_b: float = 0.0
+    """See `cone_a`."""
+    mask: int = 0
+    """The ray can hit an instance only if the masks of both have a common bit. 0: all instances."""
+
+
+@dataclass
+class Plane(Value):
+    """A half space: the points p with dot(normal, p) + d >= 0, in world space. Element of an array."""
+
+    _struct = _abi.oc_plane
+
+    normal: Vector = (0.0, 0.0, 0.0)
+    """Normal of the plane. Points inward. Must be finite and not zero; need not be unit."""
+    d: float = 0.0
+    """Offset of the plane, in units of the normal's length. Must be finite."""
 
 
 @dataclass
@@ -236,26 +303,6 @@ class PartInfo(Value):
 
 
 @dataclass
-class Camera(Value):
-    """A camera in world space. All numbers must be finite."""
-
-    _struct = _abi.oc_camera
-
-    kind: CameraKind = CameraKind(0)
-    """One of the CameraKind constants."""
-    eye: Vector = (0.0, 0.0, 0.0)
-    """Position of the eye. Orthographic: the centre of the picture's plane."""
-    at: Vector = (0.0, 0.0, 0.0)
-    """Target point. Only the direction from the eye to it matters. Must differ from the eye."""
-    up: Vector = (0.0, 0.0, 0.0)
-    """Direction that is up in the picture. Need not be unit. Must not be parallel to the view. All 0: +Z."""
-    fov_y: float = 0.0
-    """Perspective: vertical field of view in degrees, above 0 and below 180. 0: 45. Orthographic: ignored."""
-    height: float = 0.0
-    """Orthographic: height of the picture in world units, above 0. Perspective: ignored."""
-
-
-@dataclass
 class Light(Value):
     """A light. Element of an array. All zeros: a white headlight."""
 
@@ -303,41 +350,6 @@ class Look(Value):
     """LookFlags flags, combined with `|`."""
     colour: Vector = (0.0, 0.0, 0.0, 0.0)
     """Linear RGBA, finite and 0 or more. Alpha is the opacity, at most 1. Ignored without LookFlags.COLOURED."""
-
-
-@dataclass
-class Ray(Value):
-    """A ray. Element of an array. Distances `t` along a ray are in units of the length of `direction`."""
-
-    _struct = _abi.oc_ray
-
-    origin: Vector = (0.0, 0.0, 0.0)
-    """Start point, world space. Not finite: the ray misses."""
-    t_min: float = 0.0
-    """Start of the interval: hits with a smaller `t` are ignored. Below 0: counts as 0. Infinite or NaN: the ray
-    misses.
-    """
-    t_max: float = 0.0
-    """End of the interval: hits with a greater `t` are ignored. 0: no end. Below `t_min` or NaN: the ray misses."""
-    direction: Vector = (0.0, 0.0, 0.0)
-    """Direction; need not be unit. Zero or not finite: the ray misses. Components below 1.2e-38 count as zero."""
-    cone_a: float = 0.0
-    """Footprint of the ray: its width at `t` is `cone_a + cone_b * t`, in world units. A stand-in may replace
-    triangles if the area of its box, projected along the ray, is at most the square of the width there.
-
-    - Exact answers: `cone_a` = 0, `cone_b` = 0.
-    - p pixels of error, perspective camera, direction of length 1 along the view axis: `cone_a` = 0, `cone_b` =
-      sqrt(p) * 2 tan(fov_y / 2) / (height of the picture in pixels). For a unit direction at the angle a to that
-      axis, times cos(a).
-    - p pixels of error, orthographic camera: `cone_b` = 0, `cone_a` = sqrt(p) * (height of the picture in world
-      units) / (height of the picture in pixels).
-
-    Below 0 or NaN: counts as 0. Infinite: the coarsest stand-ins.
-    """
-    cone_b: float = 0.0
-    """See `cone_a`."""
-    mask: int = 0
-    """The ray can hit an instance only if the masks of both have a common bit. 0: all instances."""
 
 
 @dataclass
@@ -473,15 +485,47 @@ class Overlap(Value):
 
 
 @dataclass
-class Plane(Value):
-    """A half space: the points p with dot(normal, p) + d >= 0, in world space. Element of an array."""
+class Fit(Value):
+    """The picture for which oc_scene_fit finds a camera. `width` and `height` must be set."""
 
-    _struct = _abi.oc_plane
+    _struct = _abi.oc_fit
 
-    normal: Vector = (0.0, 0.0, 0.0)
-    """Normal of the plane. Points inward. Must be finite and not zero; need not be unit."""
-    d: float = 0.0
-    """Offset of the plane, in units of the normal's length. Must be finite."""
+    kind: CameraKind = CameraKind(0)
+    """Kind of the camera: one of the CameraKind constants."""
+    width: int = 0
+    """Width of the picture in pixels, 1 to 65536."""
+    height: int = 0
+    """Height of the picture in pixels, 1 to 65536."""
+    view: View = View(0)
+    """One of the View constants."""
+    up_axis: UpAxis = UpAxis(0)
+    """Up axis that `view` refers to: one of the UpAxis constants. UpAxis.UNKNOWN: +Z."""
+    direction: Vector = (0.0, 0.0, 0.0)
+    """View.ALONG: direction of the view, from the eye; finite and not zero, need not be unit. Otherwise ignored."""
+    up: Vector = (0.0, 0.0, 0.0)
+    """View.ALONG: direction that is up in the picture, not parallel to `direction`. All 0: that of `up_axis`, or of
+    View.TOP or View.BOTTOM if that is parallel to `direction`. Otherwise ignored.
+    """
+    fov_y: float = 0.0
+    """CameraKind.PERSPECTIVE: vertical field of view in degrees, above 0 and below 180. 0: 45. Otherwise ignored."""
+    margin: float = 0.0
+    """Share of the width and of the height that stays free on each side, below 0.5. 0: 0.05. Below 0: none."""
+    flags: PartsFlags = PartsFlags(0)
+    """PartsFlags flags for the chosen parts, combined with `|`, or 0."""
+
+
+@dataclass
+class PartRef(Value):
+    """A part of an instance. Element of an array."""
+
+    _struct = _abi.oc_part_ref
+
+    instance: int = 0
+    """Id of the instance, as passed to oc_scene_add_instance."""
+    part: int = 0
+    """Id of the part, as passed when the model was built. If several parts of the model have it, the first is meant.
+    OC_NO_ID: all parts of the instance.
+    """
 
 
 @dataclass
@@ -500,6 +544,10 @@ class FrameSettings(Value):
     """Intensity of the ambient light, which reaches all surfaces; finite. 0: 0.15. Below 0: none."""
     flags: FrameFlags = FrameFlags(0)
     """FrameFlags flags, combined with `|`."""
+    exposure: float = 0.0
+    """Factor to the light of surfaces in Buffer.COLOUR_SRGB8, finite and 0 or more. 0: 1. Backgrounds keep their
+    colours, and so does Buffer.COLOUR_LINEAR.
+    """
 
 
 @dataclass
@@ -553,6 +601,6 @@ class Accuracy(Value):
 
 
 __all__ = [
-    "Progress", "BuildOptions", "Material", "Part", "ModelInfo", "PartInfo", "Camera", "Light", "Background", "Look",
-    "Ray", "Triangle", "Crossing", "PartAt", "Overlap", "Plane", "FrameSettings", "Accuracy",
+    "Progress", "Camera", "Ray", "Plane", "BuildOptions", "Material", "Part", "ModelInfo", "PartInfo", "Light",
+    "Background", "Look", "Triangle", "Crossing", "PartAt", "Overlap", "Fit", "PartRef", "FrameSettings", "Accuracy",
 ]

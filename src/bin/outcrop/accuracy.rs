@@ -6,7 +6,7 @@ use crate::view::{self, PartArgs};
 use outcrop::base::progress::Cancel;
 use outcrop::math::{Cone, Ray};
 use outcrop::query::{Hit, HitKind, QueryOptions, Want};
-use outcrop::scene::{Background, Camera, Context, ContextOptions, Model, SceneState};
+use outcrop::scene::{Camera, Context, ContextOptions, Model, SceneState};
 use serde_json::{Value, json};
 use std::path::Path;
 use std::sync::Arc;
@@ -125,7 +125,7 @@ fn row(
 fn working_set(task: &Task, rays: &[Ray]) -> Result<(u64, bool), Failure> {
     let context = Context::new(ContextOptions { read_ahead: false, ..task.options.clone() })?;
     let model = Model::open_cold(&context, task.path)?;
-    let scene = view::alone(&context, &model, Vec::new(), Background::default(), &PartArgs::default())?;
+    let scene = view::alone(&context, &model, &PartArgs::default())?.state();
     trace(&scene, rays)?;
     let before = model.memory().resident;
     // The second trace reloads blocks that were evicted to make room.

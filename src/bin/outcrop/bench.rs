@@ -9,7 +9,7 @@ use outcrop::base::progress::Cancel;
 use outcrop::import::generate;
 use outcrop::math::Ray;
 use outcrop::query::{Hit, HitKind, QueryOptions, Want};
-use outcrop::scene::{Background, Context, ContextOptions, Model, SceneState};
+use outcrop::scene::{Context, ContextOptions, Model, SceneState};
 use outcrop::simd::Isa;
 use serde_json::{Value, json};
 use std::path::PathBuf;
@@ -111,7 +111,7 @@ pub fn run(args: &Args) -> Outcome {
         let context = Context::new(options.clone())?;
         let model = Model::open(&context, &args.model)?;
         let all_in_memory = model.load(&cancel)?;
-        let scene = view::alone(&context, &model, Vec::new(), Background::default(), &PartArgs::default())?;
+        let scene = view::alone(&context, &model, &PartArgs::default())?.state();
         facts = json!({
             "model": args.model.to_string_lossy(), "triangles": model.info().triangles_placed,
             "bytes_trace": model.memory().geometry, "all_in_memory": all_in_memory, "isa": context.isa().name(),

@@ -47,6 +47,12 @@ pub struct Args {
     /// Linear colour of the background, instead of a gradient
     #[arg(long, value_name = "R,G,B", value_parser = common::point, allow_hyphen_values = true)]
     background: Option<DVec3>,
+    /// Factor to the light of surfaces; the background keeps its colour
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, allow_negative_numbers = true)]
+    exposure: f32,
+    /// Write the nearest level to each colour: highlights are not compressed, gradients not dithered
+    #[arg(long)]
+    exact_colours: bool,
     /// Number of threads; 0 for all of the machine
     #[arg(long, value_name = "N", default_value = "0", allow_negative_numbers = true, value_parser = common::threads)]
     threads: usize,
@@ -129,8 +135,8 @@ fn usual_lights(camera: &Camera) -> Vec<Light> {
     let forward = (at - eye).normalize_or(DVec3::X);
     let right = forward.cross(up).normalize_or(DVec3::Y);
     let sun = forward + right * 0.7 - right.cross(forward) * 0.9;
-    let sun = Light { kind: LightKind::Directional(sun), colour: [1.0, 0.97, 0.92], intensity: 0.8, shadows: true };
-    vec![Light { intensity: 0.35, ..Light::HEADLIGHT }, sun]
+    let sun = Light { kind: LightKind::Directional(sun), colour: [1.0, 0.97, 0.92], intensity: 0.7, shadows: true };
+    vec![Light { intensity: 0.3, ..Light::HEADLIGHT }, sun]
 }
 
 /// Runs the command.
@@ -143,7 +149,8 @@ pub fn run(args: &Args) -> Outcome {
     let begun = Instant::now();
     let model = Model::open(&context, &args.model)?;
     let seconds_open = begun.elapsed().as_secs_f64();
-    let camera = args.view.camera(&model)?;
+    let scene = view::alone(&context, &model, &args.parts)?;
+    let camera = args.view.camera(&model, &scene.state(), args.size)?;
     let mut lights = if args.lights.is_empty() { usual_lights(&camera) } else { args.lights.clone() };
     if args.no_shadows {
         lights.iter_mut().for_each(|l| l.shadows = false);
@@ -152,18 +159,26 @@ pub fn run(args: &Args) -> Outcome {
         Some(c) => Background::Colour([c.x as f32, c.y as f32, c.z as f32, 1.0]),
         None => Background::default(),
     };
-    let scene = view::alone(&context, &model, lights, background, &args.parts)?;
+    scene.set_lights(lights)?;
+    scene.set_background(background)?;
+    scene.commit()?;
     let (width, height) = args.size;
     let frame = Frame::new(&context, FrameOptions { width, height, ..FrameOptions::default() })?;
-    let settings =
-        FrameSettings { samples: args.samples, poe: args.poe, at_once: args.at_once, ..FrameSettings::default() };
+    let settings = FrameSettings {
+        samples: args.samples,
+        poe: args.poe,
+        at_once: args.at_once,
+        exposure: args.exposure,
+        exact_colours: args.exact_colours,
+        ..FrameSettings::default()
+    };
     let first = Arc::new(OnceLock::new());
     let seen = Arc::clone(&first);
     frame.set_wake(Some(Arc::new(move || {
         let _ = seen.set(Instant::now());
     })));
     let asked = Instant::now();
-    frame.request(&scene, &camera, &settings)?;
+    frame.request(&scene.state(), &camera, &settings)?;
     let status = taken(&frame, args.until, &cancel)?;
     if args.until == Until::Converged && status.state == FrameState::CompleteWithinBudget {
         let seconds = [seconds_open, status.seconds];

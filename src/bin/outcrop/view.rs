@@ -2,23 +2,26 @@
 
 use crate::common::{self, Failure};
 use glam::{DAffine3, DVec3};
+use outcrop::Error;
 use outcrop::import::{UpAxis, generate};
-use outcrop::scene::{Background, Camera, Context, Light, Look, Model, Scene, SceneState, Scope};
-use std::sync::Arc;
+use outcrop::scene::camera::{FOV_Y as PRESET_FOV_Y, default_directions};
+use outcrop::scene::{Camera, Context, Fit, Lens, Look, MARGIN, Model, NamedView, Scene, SceneState, Scope};
 
 /// Arguments of the camera.
 #[derive(clap::Args)]
 pub struct ViewArgs {
-    /// One of four views: 0 and 1 show the whole model, 2 and 3 are closer
+    /// One of four views: 0 and 1 show the visible parts as large as the picture allows, 2 and 3 are closer. Or a view
+    /// that shows them likewise: front, back, left, right, top, bottom, iso (from the front, the right and above),
+    /// iso-front-left, iso-back-right, iso-back-left
     #[arg(
         long,
-        value_name = "0..3",
-        default_value_t = 0,
+        value_name = "0..3 or NAME",
+        default_value = "0",
         allow_negative_numbers = true,
-        value_parser = clap::value_parser!(u8).range(0..=3),
+        value_parser = view,
         conflicts_with = "eye"
     )]
-    view: u8,
+    view: View,
     /// Use the four views of this generated model instead of those from the bounds
     #[arg(long, value_name = "NAME", value_parser = generate::NAMES, conflicts_with_all = ["eye", "up"])]
     views: Option<String>,
@@ -35,15 +38,50 @@ pub struct ViewArgs {
     /// Vertical angle of view in degrees
     #[arg(long, value_name = "DEGREES", allow_negative_numbers = true, value_parser = degrees)]
     fov: Option<f64>,
-    /// Parallel projection; the height of the picture in the model's units
+    /// Parallel projection; the height of the picture in the model's units, or "fit": as the view shows all
     #[arg(
         long,
-        value_name = "HEIGHT",
+        value_name = "HEIGHT or fit",
         conflicts_with = "fov",
         allow_negative_numbers = true,
-        value_parser = common::positive
+        value_parser = ortho
     )]
-    ortho: Option<f64>,
+    ortho: Option<Ortho>,
+}
+
+/// Value of `--view`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum View {
+    Number(u8),
+    Named(NamedView),
+}
+
+/// Names of views, in the order of [`NamedView::ALL`].
+const NAMES: [&str; 10] =
+    ["iso", "iso-front-left", "iso-back-right", "iso-back-left", "front", "back", "left", "right", "top", "bottom"];
+
+fn view(text: &str) -> Result<View, String> {
+    match text.parse() {
+        Ok(number @ 0..=3) => Ok(View::Number(number)),
+        _ => match NAMES.iter().position(|name| *name == text) {
+            Some(at) => Ok(View::Named(NamedView::ALL[at])),
+            None => Err(format!("expected a number from 0 to 3, or one of {}", NAMES.join(", "))),
+        },
+    }
+}
+
+/// Value of `--ortho`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Ortho {
+    Height(f64),
+    Fit,
+}
+
+fn ortho(text: &str) -> Result<Ortho, String> {
+    match text {
+        "fit" => Ok(Ortho::Fit),
+        _ => common::positive(text).map(Ortho::Height).map_err(|why| format!("{why}, or \"fit\"")),
+    }
 }
 
 /// Arguments that choose the visible parts.
@@ -111,8 +149,8 @@ pub fn four(model: &Model, generator: Option<&str>) -> [Camera; 4] {
 }
 
 impl ViewArgs {
-    /// Returns the camera for the arguments.
-    pub fn camera(&self, model: &Model) -> Result<Camera, Failure> {
+    /// Returns the camera for the arguments, for a picture of a scene with the model.
+    pub fn camera(&self, model: &Model, scene: &SceneState, size: (u32, u32)) -> Result<Camera, Failure> {
         let axis = match self.up {
             Some(Up::Axis(axis)) => axis,
             Some(Up::Direction(_)) if self.eye.is_none() => {
@@ -128,38 +166,58 @@ impl ViewArgs {
             (_, UpAxis::Y) => DVec3::Y,
             (_, UpAxis::Z | UpAxis::Unknown) => DVec3::Z,
         };
-        let presets = if self.views.is_some() { four(model, self.views.as_deref()) } else { model.views_with(axis) };
-        let preset = presets[usize::from(self.view)];
+        let preset = self.preset(model, scene, axis, size)?;
         let (eye, at, up, fov) = match (self.eye, self.at, preset) {
             (Some(eye), Some(at), _) => (eye, at, up, FOV_Y),
             (_, _, Camera::Perspective { eye, at, up, fov_y_degrees }) => (eye, at, up, fov_y_degrees),
             (_, _, Camera::Orthographic { eye, at, up, .. }) => (eye, at, up, FOV_Y),
         };
         Ok(match self.ortho {
-            Some(height) => Camera::Orthographic { eye, at, up, height },
+            Some(Ortho::Height(height)) => Camera::Orthographic { eye, at, up, height },
+            Some(Ortho::Fit) => match preset {
+                Camera::Orthographic { .. } if self.eye.is_none() => preset,
+                _ => return Err(Failure::Usage("--ortho fit requires --view 0, 1 or a name".into())),
+            },
             None => Camera::Perspective { eye, at, up, fov_y_degrees: self.fov.unwrap_or(fov) },
         })
+    }
+}
+
+impl ViewArgs {
+    /// Returns the camera that `--view` names, before the other arguments change it.
+    fn preset(&self, model: &Model, scene: &SceneState, axis: UpAxis, size: (u32, u32)) -> Result<Camera, Failure> {
+        let (direction, up) = match (self.view, self.views.as_deref()) {
+            (View::Number(number), Some(of)) => return Ok(four(model, Some(of))[usize::from(number)]),
+            (View::Named(_), Some(_)) => return Err(Failure::Usage("--views requires --view 0, 1, 2 or 3".into())),
+            (View::Number(number @ 2..), None) => return Ok(model.views_with(axis)[usize::from(number)]),
+            (View::Number(number), None) => {
+                (-default_directions(axis)[usize::from(number)], NamedView::Front.directions(axis).1)
+            }
+            (View::Named(view), None) => view.directions(axis),
+        };
+        let lens = match self.ortho {
+            Some(_) => Lens::Orthographic,
+            None => Lens::Perspective(self.fov.unwrap_or(PRESET_FOV_Y)),
+        };
+        let fit = Fit { direction, up, lens, size, margin: MARGIN };
+        match scene.fit(&fit, &[], Scope::Own) {
+            // Nothing is visible from anywhere.
+            Err(Error::BadState(_)) => Ok(model.views_with(axis)[0]),
+            camera => Ok(camera?),
+        }
     }
 }
 
 /// Id of the only instance.
 const INSTANCE: u64 = 0;
 
-/// Returns a scene with one untransformed model.
-pub fn alone(
-    context: &Context,
-    model: &Model,
-    lights: Vec<Light>,
-    background: Background,
-    parts: &PartArgs,
-) -> Result<Arc<SceneState>, Failure> {
+/// Returns a committed scene with one untransformed model.
+pub fn alone(context: &Context, model: &Model, parts: &PartArgs) -> Result<Scene, Failure> {
     let scene = Scene::new(context);
     scene.add_instance(model, INSTANCE, DAffine3::IDENTITY)?;
     parts.apply(&scene)?;
-    scene.set_lights(lights)?;
-    scene.set_background(background)?;
     scene.commit()?;
-    Ok(scene.state())
+    Ok(scene)
 }
 
 #[cfg(test)]
@@ -171,5 +229,14 @@ mod tests {
         assert_eq!(upward("y"), Ok(Up::Axis(UpAxis::Y)));
         assert_eq!(upward("0,-1,0"), Ok(Up::Direction(-DVec3::Y)));
         assert!(upward("w").is_err() && upward("").is_err());
+    }
+
+    #[test]
+    fn views_are_numbers_or_names() {
+        assert_eq!((view("3"), view("top")), (Ok(View::Number(3)), Ok(View::Named(NamedView::Top))));
+        assert_eq!(view("iso"), Ok(View::Named(NamedView::IsoFrontRight)));
+        assert!(["4", "-1", "", "above"].iter().all(|bad| view(bad).is_err()));
+        assert_eq!((ortho("fit"), ortho("2.5")), (Ok(Ortho::Fit), Ok(Ortho::Height(2.5))));
+        assert!(["0", "-1", "all"].iter().all(|bad| ortho(bad).is_err()));
     }
 }

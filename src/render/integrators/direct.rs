@@ -1,6 +1,7 @@
 //! Direct light: headlights, point lights and directional lights. Rays continue behind transparent surfaces.
 #![allow(clippy::needless_range_loop)] // each loop indexes several arrays
 
+use super::Colours;
 use super::first::{First, Layer};
 use super::material::Material;
 use super::plain::{self, Plain};
@@ -13,6 +14,7 @@ use crate::math::srgb::Srgb;
 use crate::math::{Cone, Ray};
 use crate::query::NONE;
 use crate::query::stand_in;
+use crate::render::tone::Tone;
 use crate::render::wants::Wants;
 use crate::scene::camera::PixelRays;
 use crate::scene::light::LightKind;
@@ -98,6 +100,7 @@ pub(crate) struct Direct<'a> {
     /// True if `poe` is above the requested threshold because the visible data does not fit the budget.
     pub is_pressed: bool,
     pub srgb: &'a Srgb,
+    pub tone: Tone,
     pub asks: Asks,
     /// True if packets may be plain: see [`super::plain::is_plain`].
     pub plain: bool,
@@ -198,7 +201,7 @@ impl Direct<'_> {
         pixels: &Pixels,
         active: u32,
         number: Option<usize>,
-        sums: &mut [[f32; PACKET]; 4],
+        sums: &mut Colours,
         scratch: &mut Scratch,
     ) -> Result<(), Need> {
         let mut backs = [[0.0; 4]; DOWN as usize];
@@ -237,7 +240,7 @@ impl Direct<'_> {
             }
         }
         self.layers(&mut lanes, active, met, pixels.sample == 0, scratch)?;
-        let mut all = [[0.0; PACKET]; 4];
+        let mut all = [[0.0; PACKET]; 5];
         for i in bits(active) {
             let back = backs[i / ACROSS as usize];
             let (through, c) = (lanes.through[i], lanes.colour[i]);
@@ -245,6 +248,7 @@ impl Direct<'_> {
                 all[axis][i] = c[axis] + through * back[axis];
             }
             all[3][i] = 1.0 - through + through * back[3];
+            all[4][i] = 1.0 - through;
         }
         self.add(sums, &all);
         Ok(())
@@ -257,7 +261,7 @@ impl Direct<'_> {
     }
 
     /// Adds colours to sums: see [`Add`].
-    fn add(&self, sums: &mut [[f32; PACKET]; 4], colours: &[[f32; PACKET]; 4]) {
+    fn add(&self, sums: &mut Colours, colours: &Colours) {
         dispatch(self.isa(), Add { sums, colours });
     }
 
@@ -458,8 +462,8 @@ pub fn is_at_origin(placed: &Placed, triangle: &Triangle, ray: &Ray) -> bool {
 }
 
 /// Expands the background of each row to all pixels of a packet.
-pub(super) fn rows_of(backs: &[[f32; 4]; DOWN as usize]) -> [[f32; PACKET]; 4] {
-    let mut rows = [[0.0; PACKET]; 4];
+pub(super) fn rows_of(backs: &[[f32; 4]; DOWN as usize]) -> Colours {
+    let mut rows = [[0.0; PACKET]; 5];
     for (row, back) in backs.iter().enumerate() {
         for (all, back) in rows.iter_mut().zip(back) {
             all[row * ACROSS as usize..][..ACROSS as usize].fill(*back);
@@ -470,8 +474,8 @@ pub(super) fn rows_of(backs: &[[f32; 4]; DOWN as usize]) -> [[f32; PACKET]; 4] {
 
 /// Adds the colours of a sample.
 struct Add<'a> {
-    sums: &'a mut [[f32; PACKET]; 4],
-    colours: &'a [[f32; PACKET]; 4],
+    sums: &'a mut Colours,
+    colours: &'a Colours,
 }
 
 impl Op for Add<'_> {
@@ -480,7 +484,7 @@ impl Op for Add<'_> {
     #[inline(always)]
     fn run<S: Simd>(self, _: S) {
         let Self { sums, colours } = self;
-        for c in 0..4 {
+        for c in 0..5 {
             for i in 0..PACKET {
                 let colour = colours[c][i];
                 // Infinite colours, for example from squares of huge lights, are replaced here.

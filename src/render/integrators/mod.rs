@@ -12,9 +12,14 @@ mod surface;
 
 use crate::math::srgb::Srgb;
 use crate::math::{BUNDLE, PACKET};
+use crate::render::tone::Tone;
 use crate::scene::walk::Need;
 use crate::simd::Isa;
 use direct::{Direct, Pixels, Scratch};
+
+/// Colours of a packet's pixels: linear red, green, blue and alpha, and the share of the light that comes from surfaces
+/// and not from the background.
+pub(crate) type Colours = [[f32; PACKET]; 5];
 
 /// An algorithm that computes the light of a picture's pixels. It is selected once per packet or tile, never per ray.
 pub(crate) enum Integrator<'a> {
@@ -30,6 +35,8 @@ pub(crate) struct Picture<'a> {
     /// Rays per pixel.
     pub samples: u32,
     pub srgb: &'a Srgb,
+    /// Conversion of the colours to bytes.
+    pub tone: Tone,
     /// Instruction set for packets.
     pub isa: Isa,
 }
@@ -37,7 +44,7 @@ pub(crate) struct Picture<'a> {
 impl Integrator<'_> {
     pub fn picture(&self) -> Picture<'_> {
         let Self::Direct(direct) = self;
-        Picture { size: direct.size, samples: direct.samples, srgb: direct.srgb, isa: direct.isa() }
+        Picture { size: direct.size, samples: direct.samples, srgb: direct.srgb, tone: direct.tone, isa: direct.isa() }
     }
 
     /// See [`Direct::pixels`].
@@ -58,7 +65,7 @@ impl Integrator<'_> {
         pixels: &Pixels,
         active: u32,
         number: Option<usize>,
-        sums: &mut [[f32; PACKET]; 4],
+        sums: &mut Colours,
         scratch: &mut Scratch,
     ) -> Result<(), Need> {
         let Self::Direct(direct) = self;

@@ -5,6 +5,7 @@
 //! (`query::answers`, `shading.rs`).
 #![allow(clippy::needless_range_loop)] // each loop indexes several arrays
 
+use super::Colours;
 use super::direct::{AT_EYE, Asks, DOWN, Direct, Pixels, Scratch, rows_of};
 use super::first::First;
 use super::shading::{Row, Shading, Vectors};
@@ -45,8 +46,8 @@ struct Rows {
     part: Row<u32>,
     /// Their unit geometric normals, if these are requested.
     normal: Vectors,
-    /// Light from the hits or from the background, and alpha.
-    lit: [Row<f32>; 4],
+    /// Light from the hits or from the background.
+    lit: Colours,
     /// Errors of stand-ins, in world units.
     error: Row<f32>,
 }
@@ -54,13 +55,13 @@ struct Rows {
 impl Default for Rows {
     fn default() -> Self {
         let none = [0.0; PACKET];
-        Self { dir: [none; 3], width: none, part: [0; PACKET], normal: [none; 3], lit: [none; 4], error: none }
+        Self { dir: [none; 3], width: none, part: [0; PACKET], normal: [none; 3], lit: [none; 5], error: none }
     }
 }
 
 impl Plain {
-    /// Linear RGB and alpha of each pixel.
-    pub fn light(&self) -> &[Row<f32>; 4] {
+    /// Light of each pixel.
+    pub fn light(&self) -> &Colours {
         &self.rows.lit
     }
 }

@@ -3,6 +3,7 @@
 //! their time.
 #![allow(clippy::needless_range_loop)] // each loop indexes several arrays
 
+use super::Colours;
 use super::direct::{Direct, Scratch};
 use super::material::{Gloss, Material, powers};
 use super::surface::{Surface, aim};
@@ -111,9 +112,8 @@ impl Shading {
         column(&self.sum, i)
     }
 
-    /// Writes the light of the rays in `met`, all from opaque surfaces, over the background in `out`: linear RGB and
-    /// alpha.
-    pub fn put(&self, isa: Isa, met: u32, out: &mut [Row<f32>; 4]) {
+    /// Writes the light of the rays in `met`, all from opaque surfaces, over the background in `out`.
+    pub fn put(&self, isa: Isa, met: u32, out: &mut Colours) {
         dispatch(isa, Put { all: self, met, out });
     }
 }
@@ -227,7 +227,7 @@ impl Op for LeastHeight<'_> {
 struct Put<'a> {
     all: &'a Shading,
     met: u32,
-    out: &'a mut [Row<f32>; 4],
+    out: &'a mut Colours,
 }
 
 impl Op for Put<'_> {
@@ -245,8 +245,10 @@ impl Op for Put<'_> {
                 out[axis][i] = f32::from_bits(sum[axis][i].to_bits() & mask[i] | out[axis][i].to_bits() & !mask[i]);
             }
         }
-        for i in 0..PACKET {
-            out[3][i] = f32::from_bits(1.0f32.to_bits() & mask[i] | out[3][i].to_bits() & !mask[i]);
+        for whole in 3..5 {
+            for i in 0..PACKET {
+                out[whole][i] = f32::from_bits(1.0f32.to_bits() & mask[i] | out[whole][i].to_bits() & !mask[i]);
+            }
         }
     }
 }
