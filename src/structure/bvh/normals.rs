@@ -229,7 +229,8 @@ pub fn of_triangle(words: &[u32], leaf: &Leaf, index: usize) -> Option<[Vec3; 3]
         return None;
     }
     let entries = Entries { bytes: rest, first: heads[..before].iter().map(|head| entries_of(*head)).sum() };
-    let corners = leaf.triangle(index);
+    // Few triangles need it.
+    let own = || own_normal(&leaf.triangle(index));
     let number = |corner: usize| {
         if class > CLASSES { 3 * index + corner } else { usize::from(leaf.corners8(corner)[index & 7]) }
     };
@@ -240,12 +241,12 @@ pub fn of_triangle(words: &[u32], leaf: &Leaf, index: usize) -> Option<[Vec3; 3]
         let number = number(corner);
         *normal = if class == WIDE {
             match (entries.get(2 * number)?, entries.get(2 * number + 1)?) {
-                (OWN, OWN) => own_normal(&corners),
+                (OWN, OWN) => own(),
                 (x, y) => octahedral::unfold(Vec2::new(x as f32, y as f32) * (2.0 / 4094.0) - 1.0),
             }
         } else {
             match entries.get(number)? {
-                OWN => own_normal(&corners),
+                OWN => own(),
                 entry => frame.normal(entry, limit(class)),
             }
         };
