@@ -235,7 +235,10 @@ fn wrong_usage_is_2_and_failure_is_1() {
         (&["render", "not.oc", "-o", "p.png", "--threads", "99999"], "'--threads <N>': expected a number from 0 to "),
         (&["bench", "not.oc", "--threads", "99999"], "'--threads <N>': expected a number from 0 to "),
         (&["bench", "not.oc", "--threads", "0"], "1 or more"),
-        (&["render", "not.oc", "-o", "p.png", "--ortho", "-2"], "'--ortho <HEIGHT or fit>': expected a finite number above 0"),
+        (
+            &["render", "not.oc", "-o", "p.png", "--ortho", "-2"],
+            "'--ortho <HEIGHT or fit>': expected a finite number above 0",
+        ),
         (&["render", "not.oc", "-o", "p.png", "--ortho", "inf"], "above 0"),
         (&["render", "not.oc", "-o", "p.png", "--fov", "-30"], "'--fov <DEGREES>': expected degrees above 0"),
         (&["render", "not.oc", "-o", "p.png", "--samples", "-4"], "'--samples <N>'"),
