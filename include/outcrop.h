@@ -2892,7 +2892,7 @@ oc_status oc_frame_pick(const struct oc_frame *frame,
 /**
  * Returns a hit near a pixel, with a preference for thin parts, such as wires of less than a pixel.
  *
- * Rays go through the centre and four other points of each pixel within `radius` pixels of the pixel's centre. A part
+ * Rays go through the centre and six other points of each pixel within `radius` pixels of the pixel's centre. A part
  * is thin if it covers less than a fifth of the picture within `radius` pixels of its nearest point. The result is:
  * - the nearest hit of a thin part, and at equal distances that of the smaller depth; or else
  * - the hit at the pixel itself, as of oc_frame_pick; or, if that is a miss,

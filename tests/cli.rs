@@ -187,7 +187,7 @@ fn two_files_make_one_model_and_cameras_are_free() {
     assert_eq!(high(&["--ortho", "2"]), 50);
     fails(dir, &["render", "m.oc", "-o", "m.png", "--view", "2", "--ortho", "fit"], 2, "--ortho fit");
     fails(dir, &["render", "m.oc", "-o", "m.png", "--view", "above"], 2, "iso-front-left");
-    fails(dir, &["render", "m.oc", "-o", "m.png", "--exposure", "-1"], 1, "exposure");
+    fails(dir, &["render", "m.oc", "-o", "m.png", "--exposure", "-1"], 2, "exposure");
     let up = |axis: &str| json(dir, &["render", "m.oc", "-o", "m.png", "--size", "8x8", "--up", axis])["up"].clone();
     assert_eq!((up("y"), up("z")), (serde_json::json!([0.0, 1.0, 0.0]), serde_json::json!([0.0, 0.0, 1.0])));
     let text = String::from_utf8(outcrop(dir, &["info", "m.oc"]).stdout).unwrap();
@@ -277,7 +277,10 @@ fn wrong_usage_is_2_and_failure_is_1() {
         (&["render", "not.oc", "-o", "p.png", "--threads", "99999"], "'--threads <N>': expected a number from 0 to "),
         (&["bench", "not.oc", "--threads", "99999"], "'--threads <N>': expected a number from 0 to "),
         (&["bench", "not.oc", "--threads", "0"], "1 or more"),
-        (&["render", "not.oc", "-o", "p.png", "--ortho", "-2"], "'--ortho <HEIGHT>': expected a finite number above 0"),
+        (
+            &["render", "not.oc", "-o", "p.png", "--ortho", "-2"],
+            "'--ortho <HEIGHT or fit>': expected a finite number above 0",
+        ),
         (&["render", "not.oc", "-o", "p.png", "--ortho", "inf"], "above 0"),
         (&["render", "not.oc", "-o", "p.png", "--fov", "-30"], "'--fov <DEGREES>': expected degrees above 0"),
         (&["render", "not.oc", "-o", "p.png", "--samples", "-4"], "'--samples <N>'"),

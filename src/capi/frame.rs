@@ -498,7 +498,7 @@ pub unsafe extern "C" fn oc_frame_pick(frame: *const oc_frame, x: u32, y: u32, o
 
 /// Returns a hit near a pixel, with a preference for thin parts, such as wires of less than a pixel.
 ///
-/// Rays go through the centre and four other points of each pixel within `radius` pixels of the pixel's centre. A part
+/// Rays go through the centre and six other points of each pixel within `radius` pixels of the pixel's centre. A part
 /// is thin if it covers less than a fifth of the picture within `radius` pixels of its nearest point. The result is:
 /// - the nearest hit of a thin part, and at equal distances that of the smaller depth; or else
 /// - the hit at the pixel itself, as of oc_frame_pick; or, if that is a miss,

@@ -297,7 +297,7 @@ impl Frame {
 
     /// Returns a hit near a pixel, with a preference for thin parts: wires, and what covers few pixels.
     ///
-    /// Rays go through the centre and four other points of each pixel within `radius` pixels of the pixel's centre. A
+    /// Rays go through the centre and six other points of each pixel within `radius` pixels of the pixel's centre. A
     /// part is thin if it covers less than a fifth of the picture within `radius` of its nearest point. The result is
     /// the nearest hit of a thin part, at equal distances that of the smaller depth; without a thin part, the hit at
     /// the pixel itself; and if that is a miss, the nearest hit. All hits are as for [`Frame::pick`].

@@ -53,7 +53,7 @@ fn behind_eye(scene: &SceneState, ray: &Ray) -> Option<f64> {
 /// Greatest radius of [`pick_near`], in pixels.
 pub const MOST_RADIUS: f64 = 32.0;
 /// Rays for each pixel besides the one through its centre.
-const MORE: u32 = 4;
+const MORE: u32 = 6;
 /// A part is thin if it covers a smaller share of the picture around it.
 const THIN: f64 = 0.2;
 
@@ -95,9 +95,9 @@ pub fn pick_near(
 
 /// The rays around a pixel that are in the picture: first the one through its centre.
 fn around(scene: &SceneState, rays: &PixelRays, size: (u32, u32), pixel: (u32, u32), radius: f64) -> Vec<Sample> {
-    // Golden ratios of one and two dimensions: along each row the samples differ in height, along each column they
-    // differ across. So a wire of a tenth of a pixel does not pass between them.
-    const GOLDEN: [f64; 2] = [0.618_033_988_749_894_9, 0.754_877_666_246_692_7];
+    // Multiples of the golden ratio are spread evenly: along each row the samples differ in height, along each column
+    // they differ across, so that wires of a tenth of a pixel do not pass between them.
+    const GOLDEN: f64 = 0.618_033_988_749_894_9;
     let bounds = scene.bounds_of_hits();
     let centre = DVec2::new(f64::from(pixel.0) + 0.5, f64::from(pixel.1) + 0.5);
     let reach = radius.ceil() as u32;
@@ -115,7 +115,7 @@ fn around(scene: &SceneState, rays: &PixelRays, size: (u32, u32), pixel: (u32, u
                 let number = |index: f64| index * f64::from(MORE) + f64::from(i);
                 let offset = match i {
                     MORE => DVec2::splat(0.5),
-                    _ => DVec2::new((number(column) * GOLDEN[1]).fract(), (number(row) * GOLDEN[0]).fract()),
+                    _ => DVec2::new((number(column) * GOLDEN).fract(), (number(row) * GOLDEN).fract()),
                 };
                 let place = DVec2::new(f64::from(x), f64::from(y)) + offset;
                 if place.distance(centre) <= radius && place != centre {

@@ -161,7 +161,7 @@ class Frame(Handle):
         return Hit._from_c(hit)
 
     def pick_near(self, x: int, y: int, radius: float = 4.0) -> Hit:
-        """Returns a hit within a radius in pixels, with a preference for thin parts, such as wires of less than a pixel.
+        """Returns a hit within a radius in pixels, and favours thin parts, such as wires of less than a pixel.
 
         A part is thin if it covers less than a fifth of the picture within `radius` of its nearest point. Without one,
         the hit is that at the pixel; or, if that is a miss, the nearest.

@@ -30,7 +30,7 @@ def test_fitted_cameras_fill_the_picture(context: outcrop.Context, three: outcro
 def test_rectangles_select_parts_that_fit_again(three: outcrop.Scene) -> None:
     fit = Fit(width=80, height=60, view=View.FRONT)
     camera = three.fit(fit)
-    planes = outcrop.camera_frustum(camera, 80, 60, 0, 0, 35, 60)
+    planes = outcrop.camera_frustum(camera, 80, 60, 0, 0, 28, 60)
     chosen = three.overlap_frustum(planes)
     assert list(chosen["part"]) == [1]
     assert three.fit(fit, chosen) == three.fit(fit, [1]) != camera
@@ -55,7 +55,7 @@ def test_placements_agree(context: outcrop.Context, tetra: outcrop.Model, tmp_pa
     with context.open(tmp_path / "up.oc") as model:
         matrix, unknown = model.placement(UpAxis.Y, 1)
         assert unknown == 0 and matrix @ (0, 0, 1000, 1) == pytest.approx((0, 1, 0, 1))
-        with context.scene((1, model, matrix)) as scene:
+        with context.scene([(1, model, matrix)]) as scene:
             assert scene.closest([(0.0001, 1, 0)], (0, -1, 0))["kind"][0] == outcrop.HitKind.EXACT
     with pytest.raises(outcrop.ArgumentError):
         tetra.placement(UpAxis.Y, -1)
