@@ -25,8 +25,8 @@ pub(crate) fn world_corners(placed: &Placed, normals: &[Vec3; 3]) -> [Vec3; 3] {
 /// Square of the length below which a mean of normals has no direction: the corners' normals are opposite.
 const LEAST: f32 = 1e-12;
 
-/// Returns the unit shading normal on the side of `facing`, the unit geometric normal that faces the ray. `corners`: the
-/// normals at the corners in the world.
+/// Returns the unit shading normal on the side of `facing`, the unit geometric normal that faces the ray. `corners`:
+/// the normals at the corners in the world.
 #[inline(always)]
 pub(crate) fn shading_normal(corners: &[Vec3; 3], uv: [f32; 2], facing: Vec3) -> Vec3 {
     let [a, b, c] = weights(uv);
