@@ -325,7 +325,7 @@ fn hits_in_steps(scene: &SceneState, rays: &[Ray]) -> Vec<usize> {
 /// The generated soup of triangles: no part is closed, and thicknesses are those of brute force.
 #[test]
 fn parts_of_a_soup_are_not_closed() {
-    let size = GenerateOptions { triangles: 100_000, seed: 0 };
+    let size = GenerateOptions { triangles: 200_000, seed: 0 };
     let file = built::build(|to| {
         generate("airliner", &size, &Cancel::new(), to).expect("triangles");
     });
@@ -336,7 +336,7 @@ fn parts_of_a_soup_are_not_closed() {
     assert_eq!(of(true), 0, "each corner of each triangle is moved by its own random numbers");
     let bounds = model.info().bounds;
     let mut rng = Rng::new(4);
-    let rays: Vec<Ray> = (0..1000)
+    let rays: Vec<Ray> = (0..400)
         .map(|_| {
             let (to, dir) = (rng.inside(bounds.min, bounds.max), rng.direction());
             Ray::new(to - dir * 100.0, dir.as_vec3())
@@ -359,7 +359,7 @@ fn parts_of_a_soup_are_not_closed() {
         finite += usize::from(thickness.is_finite());
     }
     println!("{finite} of {} hits have an opposite side", hits.iter().filter(|hit| hit.kind == HitKind::Exact).count());
-    assert!(finite > 10, "{finite}");
+    assert!(finite > 5, "{finite}");
 }
 
 /// The triangles of a part.
