@@ -95,7 +95,9 @@ class Model(Handle):
     def triangles(self, part: int) -> NDArray[Any]:
         """Returns all triangles of a part, given by id, as an array of dtype TRIANGLE. See `read_part`."""
         some = list(self.read_part(part))
-        return numpy.concatenate(some) if some else numpy.empty(0, TRIANGLE)
+        found = numpy.empty(sum(map(len, some)), TRIANGLE)
+        # Without `out` the result would have another layout.
+        return numpy.concatenate(some, out=found) if some else found
 
     def view(self, number: int = 0) -> Camera:
         """Returns a perspective camera: 0 and 1 show the whole model, 2 and 3 are closer. See `Scene.fit`."""

@@ -70,8 +70,8 @@ def test_picks_near_a_pixel(context: outcrop.Context, scene: outcrop.Scene, came
 
 
 def test_exposure_and_exact_colours(context: outcrop.Context, scene: outcrop.Scene, camera: outcrop.Camera) -> None:
-    def middle(**settings: float) -> int:
-        options = outcrop.FrameSettings(flags=FrameFlags.EXACT_COLOURS, **settings)
+    def middle(exposure: float = 0.0) -> int:
+        options = outcrop.FrameSettings(flags=FrameFlags.EXACT_COLOURS, exposure=exposure)
         return int(context.render(scene, camera, 64, 48, settings=options).pixels[24, 32, 0])
     assert middle(exposure=0.25) < middle() == middle(exposure=1) <= middle(exposure=4) == 255
     assert context.render(scene, camera, 64, 48).pixels[24, 32, 0] < 255
