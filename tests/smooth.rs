@@ -214,11 +214,15 @@ fn normals_of_scans_take_few_bytes() {
     let bytes = bytes_a_triangle(&build(&scenes::bumpy_sphere(300, 500, 2), None, 0).0);
     println!("bumpy sphere: {bytes:.2} bytes a triangle");
     assert!(bytes < 3.0, "{bytes}");
-    for name in ["armadillo.ply", "turbine_blade_200k.ply", "asian_dragon_100k.ply"] {
-        let Some(path) = models::find(name) else { continue };
-        let bytes = bytes_a_triangle(&build(&models::read(&path), None, 0).0);
+    // The dragon was made of a scan of seventy times as many triangles: neighbours differ by so much that the normals
+    // of many leaves need two entries.
+    for (name, most) in [("armadillo.ply", 3.0), ("turbine_blade_200k.ply", 3.0), ("asian_dragon_100k.ply", 3.5)] {
+        let Some(path) = models::find(&format!("scans/{name}")) else { continue };
+        let options = BuildOptions { crease_angle: 0.0, threads: 2, ..options() };
+        let (built, _) = built::build_with(options, |builder| builder.add_file(&path).expect("a scan"));
+        let bytes = bytes_a_triangle(&built);
         println!("{name}: {bytes:.2} bytes a triangle");
-        assert!(bytes < 3.2, "{name}: {bytes}");
+        assert!(bytes < most, "{name}: {bytes}");
     }
 }
 
