@@ -3,7 +3,7 @@
 use super::builds::options;
 use super::files;
 use super::rng::Rng;
-use glam::{DAffine3, DVec3};
+use glam::{DAffine3, DVec3, Vec3};
 use outcrop::base::ids::BlockId;
 use outcrop::base::progress::{Cancel, Progress};
 use outcrop::build::Builder;
@@ -14,7 +14,8 @@ use std::sync::{Arc, OnceLock};
 /// The name of all models, in messages.
 pub const NAME: &str = "model.oc";
 
-/// Number of base models: one block a tree with colours and shared meshes; several blocks; one triangle.
+/// Number of base models: one block a tree with colours, normals and shared meshes; several blocks with normals; one
+/// triangle.
 pub const COUNT: usize = 3;
 
 /// The bytes of a base model.
@@ -49,14 +50,10 @@ fn built(count: usize, with_more: bool) -> Vec<u8> {
         let key = part(&mut builder, 100 + id, (id == 1).then_some(material));
         let some = triangles(count / parts as usize, size);
         let colours = vec![[[id as f32 / 2.0, 0.5, 0.25], [0.5; 3], [0.5; 3]]; some.len()];
-        builder
-            .triangles(
-                MeshKey::DIRECT,
-                key,
-                &some,
-                if with_more { Attributes::colours(&colours) } else { Attributes::NONE },
-            )
-            .expect("triangles");
+        let normals: Vec<[Vec3; 3]> = some.iter().map(|t| t.map(|corner| corner.as_vec3())).collect();
+        let colours = with_more.then_some(&colours[..]);
+        let values = Attributes { colours, normals: (count > 1).then_some(&normals[..]) };
+        builder.triangles(MeshKey::DIRECT, key, &some, values).expect("triangles");
     }
     if with_more {
         let mesh = builder.shared_mesh(2).expect("a mesh");

@@ -117,7 +117,8 @@ fn opened(context: &Context, path: &Path) -> Arc<SceneState> {
 
 fn closest(state: &SceneState, rays: &[Ray], coherent: bool) -> Vec<Hit> {
     let mut hits = vec![Hit::MISS; rays.len()];
-    state.closest(rays, QueryOptions { coherent, ..QueryOptions::default() }, &mut hits).expect("hits");
+    let want = Want::ALL | Want::SHADING_NORMAL;
+    state.closest(rays, QueryOptions { coherent, want, ..QueryOptions::default() }, &mut hits).expect("hits");
     hits
 }
 
@@ -128,14 +129,19 @@ fn assert_sane(ray: &Ray, hit: &Hit) {
     if hit.kind != HitKind::Miss {
         assert!(hit.kind == HitKind::Exact && hit.t.is_finite() && hit.t >= ray.begins(), "{ray:?}: {hit:?}");
         assert!((hit.normal.length() - 1.0).abs() < 1e-5, "{ray:?}: {hit:?}");
+        assert!((hit.shading_normal.length() - 1.0).abs() < 1e-5, "{ray:?}: {hit:?}");
+        assert!(hit.shading_normal.dot(hit.normal) >= -1e-6, "{ray:?}: {hit:?}");
     }
 }
 
 struct Case {
     splits: Splits,
+    crease_angle: f32,
     parts: u32,
     /// Part and corners.
     direct: Vec<(u32, Tri)>,
+    /// Normals of the corners of all direct triangles, if they are given.
+    normals: Option<[Vec3; 3]>,
     shared: Vec<Tri>,
     instances: Vec<DAffine3>,
     rays: Vec<Ray>,
@@ -194,19 +200,24 @@ impl Case {
         let direct = (0..u.int_in_range(1..=40)?)
             .map(|_| Ok((u.int_in_range(0..=parts - 1)?, triangle(u)?)))
             .collect::<Result<Vec<(u32, Tri)>>>()?;
+        let normal = |u: &mut Unstructured| point(u, 1.0, 0.0).map(|p| p.as_vec3());
+        let normals = if u.ratio(1, 3)? { Some([normal(u)?, normal(u)?, normal(u)?]) } else { None };
+        let crease_angle = *u.choose(&[0.0, 0.0, 180.0, 90.0, -1.0])?;
         let shared = (0..u.int_in_range(0..=4)?).map(|_| triangle(u)).collect::<Result<Vec<Tri>>>()?;
         let instances = (0..u.int_in_range(0..=2)?).map(|_| transform(u, scale)).collect::<Result<Vec<_>>>()?;
         let rays = (0..u.int_in_range(0..=8)?).map(|_| ray(u, &vertices, scale, offset)).collect::<Result<Vec<_>>>()?;
-        Ok(Self { splits, parts, direct, shared, instances, rays, seed: u.arbitrary()? })
+        Ok(Self { splits, crease_angle, parts, direct, normals, shared, instances, rays, seed: u.arbitrary()? })
     }
 
     fn check(&self) {
-        let mut builder = builder(BuildOptions { splits: self.splits, ..options() });
+        let mut builder = builder(BuildOptions { splits: self.splits, crease_angle: self.crease_angle, ..options() });
         for id in 0..self.parts {
             builder.part(PartDesc { id: Some(u64::from(id) + 100), ..PartDesc::default() }).expect("a part");
         }
         for (part, triangle) in &self.direct {
-            builder.triangles(MeshKey::DIRECT, *part, &[*triangle], Attributes::NONE).expect("a triangle");
+            let normals = self.normals.map(|normals| [normals]);
+            let values = Attributes { normals: normals.as_ref().map(|n| &n[..]), ..Attributes::NONE };
+            builder.triangles(MeshKey::DIRECT, *part, &[*triangle], values).expect("a triangle");
         }
         let mesh = builder.shared_mesh(1).expect("a mesh");
         builder.triangles(mesh, 0, &self.shared, Attributes::NONE).expect("triangles");

@@ -2,7 +2,7 @@
 //! library is at fault, and all memory is returned at the end (AddressSanitizer looks for leaks).
 
 use super::objects::{Kind, Objects};
-use super::{base_models, builds, files, seeds};
+use super::{base_models, builds, files, geometry_calls, seeds};
 use arbitrary::{Result, Unstructured};
 use outcrop::capi::build::*;
 use outcrop::capi::contents::*;
@@ -45,7 +45,7 @@ pub fn run(data: &[u8]) {
 }
 
 /// Checks a status and the message that belongs to it.
-fn fine(status: oc_status) -> oc_status {
+pub(super) fn fine(status: oc_status) -> oc_status {
     let message = oc_last_error();
     // SAFETY: the message of the last call in this thread, which ends with 0.
     let text = unsafe { CStr::from_ptr(message) }.to_str().expect("UTF-8");
@@ -55,12 +55,12 @@ fn fine(status: oc_status) -> oc_status {
 }
 
 /// Checks a status that does not matter otherwise.
-fn ok(status: oc_status) {
+pub(super) fn ok(status: oc_status) {
     fine(status);
 }
 
 /// A struct of the header: zeros, with its size.
-fn init<T: Copy>() -> T {
+pub(super) fn init<T: Copy>() -> T {
     let mut value = std::mem::MaybeUninit::<T>::zeroed();
     // SAFETY: all structs of the header begin with a u32, and zeros are a valid value of each (`Sized32`).
     unsafe {
@@ -70,7 +70,7 @@ fn init<T: Copy>() -> T {
 }
 
 /// A pointer to the struct, or NULL; sometimes its size is wrong.
-fn given<T>(u: &mut Unstructured, value: &mut T) -> Result<*mut T> {
+pub(super) fn given<T>(u: &mut Unstructured, value: &mut T) -> Result<*mut T> {
     Ok(match u.int_in_range(0..=30)? {
         0 => null_mut(),
         1 => {
@@ -84,7 +84,7 @@ fn given<T>(u: &mut Unstructured, value: &mut T) -> Result<*mut T> {
     })
 }
 
-fn double(u: &mut Unstructured) -> Result<f64> {
+pub(super) fn double(u: &mut Unstructured) -> Result<f64> {
     builds::coordinate(u, 1.0, 0.0)
 }
 
@@ -92,7 +92,7 @@ fn float(u: &mut Unstructured) -> Result<f32> {
     Ok(if u.ratio(3, 4)? { f32::from(u.int_in_range::<u8>(0..=8)?) / 8.0 } else { double(u)? as f32 })
 }
 
-fn doubles<const N: usize>(u: &mut Unstructured) -> Result<[f64; N]> {
+pub(super) fn doubles<const N: usize>(u: &mut Unstructured) -> Result<[f64; N]> {
     let mut all = [0.0; N];
     for x in &mut all {
         *x = double(u)?;
@@ -101,11 +101,11 @@ fn doubles<const N: usize>(u: &mut Unstructured) -> Result<[f64; N]> {
 }
 
 /// A small number, or any.
-fn small(u: &mut Unstructured, most: u32) -> Result<u32> {
+pub(super) fn small(u: &mut Unstructured, most: u32) -> Result<u32> {
     if u.ratio(15, 16)? { u.int_in_range(0..=most) } else { u.arbitrary() }
 }
 
-fn id(u: &mut Unstructured) -> Result<u64> {
+pub(super) fn id(u: &mut Unstructured) -> Result<u64> {
     Ok(if u.ratio(7, 8)? { 100 + u64::from(u.int_in_range::<u8>(0..=4)?) } else { u.arbitrary()? })
 }
 
@@ -176,7 +176,7 @@ fn io(u: &mut Unstructured) -> Result<oc_io> {
     Ok(oc_io { size, read_at: if u.ratio(1, 30)? { None } else { Some(read_at) }, user, ..init() })
 }
 
-fn camera(u: &mut Unstructured) -> Result<oc_camera> {
+pub(super) fn camera(u: &mut Unstructured) -> Result<oc_camera> {
     let kind = small(u, 1)?;
     let (eye, at) = if u.arbitrary()? { ([4.0, 3.0, 2.0], [0.0; 3]) } else { (doubles(u)?, doubles(u)?) };
     let up = if u.arbitrary()? { [0.0; 3] } else { doubles(u)? };
@@ -203,11 +203,11 @@ fn rays(u: &mut Unstructured) -> Result<Vec<oc_ray>> {
 }
 
 /// A query over rays that the objects keep, and their number.
-fn query(u: &mut Unstructured, o: &mut Objects) -> Result<(oc_query, usize)> {
+pub(super) fn query(u: &mut Unstructured, o: &mut Objects) -> Result<(oc_query, usize)> {
     let rays = rays(u)?;
     let count = rays.len();
     let rays = o.keep_all(rays);
-    let (want, flags) = (small(u, 255)?, small(u, 3)?);
+    let (want, flags) = (small(u, 511)?, small(u, 3)?);
     let stride = if u.ratio(7, 8)? { 0 } else { *u.choose(&[1, size_of::<oc_ray>() as u64])? };
     Ok((oc_query { want, flags, rays, count: count as u64, stride, ..init() }, count))
 }
@@ -218,7 +218,7 @@ fn look(u: &mut Unstructured) -> Result<oc_look> {
 
 /// One call. Pointers are to memory that lives until all objects are released.
 fn call(u: &mut Unstructured, o: &mut Objects) -> Result<()> {
-    let group = u.int_in_range(0..=9)?;
+    let group = u.int_in_range(0..=12)?;
     // SAFETY: handles are live or NULL, structs are initialised, arrays have as many elements as is said, and what
     // background work reads or writes is kept until all objects are released.
     unsafe {
@@ -229,7 +229,9 @@ fn call(u: &mut Unstructured, o: &mut Objects) -> Result<()> {
             4 => models(u, o),
             5 | 6 => scenes(u, o),
             7 => queries(u, o),
-            _ => frames(u, o),
+            8 | 9 => frames(u, o),
+            10 => geometry_calls::views(u, o),
+            _ => geometry_calls::geometry(u, o),
         }
     }
 }
@@ -285,6 +287,7 @@ unsafe fn build(u: &mut Unstructured, o: &mut Objects) -> Result<()> {
                     up: small(u, 3)?,
                     splits: small(u, 2)?,
                     threads: small(u, 2)?.min(2),
+                    crease_angle: if u.ratio(1, 2)? { float(u)? * 90.0 } else { 0.0 },
                     ..init()
                 };
                 let (context, desc) = (o.any(Kind::Context, u)?, given(u, &mut desc)?);
@@ -340,7 +343,9 @@ fn triangles(u: &mut Unstructured) -> Result<(oc_triangles, Arrays)> {
     let (scalar, index) = (small(u, 1)?, small(u, 2)?);
     let most = if u.ratio(1, 16)? { u64::MAX } else { corners as u64 };
     let indices = (0..6).map(|_| u.int_in_range(0..=most)).collect::<Result<Vec<u64>>>()?;
-    let colours = vec![float(u)?; 3 * corners.max(6)];
+    let three = [float(u)?, float(u)?, float(u)?];
+    let turned = |i: usize| if i % 4 == 3 { -three[i % 3] } else { three[i % 3] };
+    let colours: Vec<f32> = (0..3 * corners.max(6)).map(turned).collect();
     let mut soup = oc_triangles {
         mesh: small(u, 1)?,
         part: if u.arbitrary()? { id(u)? } else { small(u, 2)?.into() },
@@ -356,6 +361,12 @@ fn triangles(u: &mut Unstructured) -> Result<(oc_triangles, Arrays)> {
     }
     if u.arbitrary()? {
         soup.colours = colours.as_ptr();
+    }
+    if u.arbitrary()? {
+        soup.normals = colours.as_ptr();
+    }
+    if u.ratio(1, 4)? {
+        soup.position_colours = colours.as_ptr();
     }
     Ok((soup, (positions, indices, colours)))
 }
@@ -545,10 +556,10 @@ unsafe fn frames(u: &mut Unstructured, o: &mut Objects) -> Result<()> {
         let (width, height): (u32, u32) = (size()?, size()?);
         match u.int_in_range(0..=12)? {
             0 | 1 => {
-                let mut desc = oc_frame_desc { width, height, buffers: small(u, 511)?, ..init() };
+                let mut desc = oc_frame_desc { width, height, buffers: small(u, 1023)?, ..init() };
                 if u.ratio(1, 4)? {
                     let memory = o.keep_all(vec![0u64; 20 * 20 * 2]).cast();
-                    let buffer = small(u, 8)?;
+                    let buffer = small(u, 9)?;
                     let target = oc_target { memory, size: 20 * 20 * 16, row_pitch: 0, buffer, reserved: 0 };
                     (desc.targets, desc.target_count) = (o.keep_all(vec![target]), 1);
                 }
@@ -559,6 +570,7 @@ unsafe fn frames(u: &mut Unstructured, o: &mut Objects) -> Result<()> {
                 let mut camera = camera(u)?;
                 let mut settings =
                     oc_frame_settings { samples: small(u, 3)?, poe: float(u)?, ambient: float(u)?, ..init() };
+                (settings.flags, settings.exposure) = (small(u, 3)?, float(u)?);
                 settings.samples = if settings.samples > 3 { 1025 } else { settings.samples };
                 fine(oc_frame_request(frame, scene, given(u, &mut camera)?, given(u, &mut settings)?));
             }
@@ -573,7 +585,7 @@ unsafe fn frames(u: &mut Unstructured, o: &mut Objects) -> Result<()> {
             }
             _ => {
                 let mut pixels: oc_pixels = init();
-                if fine(oc_frame_map(frame, small(u, 8)?, given(u, &mut pixels)?)) == OC_STATUS_OK {
+                if fine(oc_frame_map(frame, small(u, 9)?, given(u, &mut pixels)?)) == OC_STATUS_OK {
                     // All of it is readable.
                     let bytes = std::slice::from_raw_parts(pixels.data.cast::<u8>(), pixels.size as usize);
                     std::hint::black_box(bytes.iter().fold(0u8, |sum, b| sum ^ b));

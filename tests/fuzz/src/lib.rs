@@ -8,6 +8,7 @@ pub mod base_models;
 pub mod builds;
 pub mod calls;
 pub mod files;
+pub mod geometry_calls;
 pub mod images;
 pub mod importers;
 pub mod model_edits;

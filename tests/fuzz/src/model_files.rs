@@ -9,7 +9,7 @@ use arbitrary::Unstructured;
 use glam::{DAffine3, DVec3};
 use outcrop::base::progress::Cancel;
 use outcrop::math::{Cone, DBounds, Ray};
-use outcrop::query::{Hit, QueryOptions};
+use outcrop::query::{Hit, HitKind, Policy, QueryOptions, Want};
 use outcrop::scene::{Context, Look, Model, Scene, SceneState};
 use outcrop::store::MemorySource;
 use outcrop::{Error, Frame, FrameOptions, FrameSettings, FrameState, Outputs};
@@ -101,18 +101,46 @@ fn answers(opened: &Opened, rays: &[Ray]) -> Vec<Option<Vec<u8>>> {
     let mut keep = |answer: outcrop::Result<Vec<u8>>| all.push(answer.map_err(|e| about_the_file(&e)).ok());
     for coherent in [false, true] {
         let mut hits = vec![Hit::MISS; rays.len()];
-        let options = QueryOptions { coherent, ..QueryOptions::default() };
+        let options = QueryOptions { coherent, want: Want::ALL | Want::SHADING_NORMAL, ..QueryOptions::default() };
         let answer = state.closest(rays, options, &mut hits);
         assert!(hits.iter().all(|hit| !hit.t.is_nan()), "NaN: {hits:?}");
+        let normals = hits.iter().all(|hit| !hit.shading_normal.is_nan());
+        assert!(normals || answer.is_err(), "NaN: {hits:?}");
         keep(answer.map(|()| format!("{hits:?}").into_bytes()));
+        hits.retain(|hit| hit.kind == HitKind::Exact);
+        keep(state.triangles(&hits, &Cancel::new()).map(|found| format!("{found:?}").into_bytes()));
         let mut any = vec![0; rays.len()];
         let answer = state.any(rays, options, &mut any);
         keep(answer.map(|()| any));
     }
     let parts = |found: Vec<outcrop::PartOverlap>| format!("{found:?}").into_bytes();
     keep(state.overlap_box(&DBounds { min: DVec3::splat(-0.5), max: DVec3::splat(0.5) }).map(parts));
+    let mut text = String::new();
+    let crossings = state.crossings(&rays, Policy::Exact, &mut |_, met, _| text += &format!("{met:?}"));
+    keep(crossings.map(|()| text.into_bytes()));
+    let points: Vec<DVec3> = rays.iter().map(|ray| ray.origin * 0.1).collect();
+    let mut text = String::new();
+    let inside = state.parts_at(&points, &mut |_, parts| text += &format!("{parts:?}"));
+    keep(inside.map(|()| text.into_bytes()));
+    keep(read_parts(&opened.model));
     keep(opened.model.check(&Cancel::new()).map(|()| Vec::new()));
     all
+}
+
+/// The triangles of the first parts.
+fn read_parts(model: &Model) -> outcrop::Result<Vec<u8>> {
+    let mut all = Vec::new();
+    for part in 0..model.parts().len().min(8) {
+        let mut reader = model.read_part(part as u32)?;
+        loop {
+            let some = reader.next(100, &Cancel::new())?;
+            if some.is_empty() {
+                break;
+            }
+            all.extend(some.iter().flat_map(|triangle| triangle.prim.to_le_bytes()));
+        }
+    }
+    Ok(all)
 }
 
 /// Two pictures, one exact: each ends.

@@ -4,6 +4,7 @@ use arbitrary::{Result, Unstructured};
 use outcrop::capi::build::{oc_build_release, oc_build_retain};
 use outcrop::capi::context::{oc_context_release, oc_context_retain};
 use outcrop::capi::frame::{oc_frame_release, oc_frame_retain};
+use outcrop::capi::geometry::{oc_part_reader_release, oc_part_reader_retain};
 use outcrop::capi::job::{oc_job_release, oc_job_retain};
 use outcrop::capi::model::{oc_model_release, oc_model_retain};
 use outcrop::capi::pixels::{oc_mapping_release, oc_mapping_retain};
@@ -30,6 +31,8 @@ pub enum Kind {
     Frame,
     /// `oc_mapping`
     Mapping,
+    /// `oc_part_reader`
+    PartReader,
 }
 
 /// Most objects at a time: contexts take the most memory.
@@ -84,6 +87,7 @@ impl Objects {
                     Kind::Scene => oc_scene_retain(handle.cast()),
                     Kind::Frame => oc_frame_retain(handle.cast()),
                     Kind::Mapping => oc_mapping_retain(handle.cast()),
+                    Kind::PartReader => oc_part_reader_retain(handle.cast()),
                 }
             }
             self.add(kind, handle);
@@ -143,6 +147,7 @@ fn release(kind: Kind, handle: *mut c_void) {
             Kind::Scene => oc_scene_release(handle.cast()),
             Kind::Frame => oc_frame_release(handle.cast()),
             Kind::Mapping => oc_mapping_release(handle.cast()),
+            Kind::PartReader => oc_part_reader_release(handle.cast()),
         }
     }
 }
