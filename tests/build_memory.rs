@@ -3,9 +3,11 @@
 #[path = "common/counting.rs"]
 mod counting;
 
+use glam::DVec3;
 use outcrop::base::progress::{Cancel, Progress};
 use outcrop::build::{BuildOptions, BuildReport, Builder};
 use outcrop::import::generate::{GenerateOptions, generate};
+use outcrop::import::{Attributes, MeshKey, PartDesc, Sink};
 use outcrop::{Error, Result};
 use std::fs;
 use std::path::Path;
@@ -106,12 +108,42 @@ fn large_textures(folder: &Path) {
     }
 }
 
+/// Many triangles at one vertex: no chunk takes those of all others for its normals.
+fn fan(budget: u64) {
+    const TRIANGLES: u32 = 120_000;
+    let folder = tempfile::tempdir().unwrap();
+    let options = BuildOptions {
+        memory_budget: budget,
+        threads: 2,
+        temp_dir: Some(folder.path().into()),
+        crease_angle: 40.0,
+        ..Default::default()
+    };
+    let (report, most) = counting::most(|| {
+        let mut builder = Builder::new(options, Arc::new(Progress::default()), Cancel::new()).unwrap();
+        let part = builder.part(PartDesc::default()).unwrap();
+        let rim = |i: u32| {
+            let angle = f64::from(i) / f64::from(TRIANGLES) * std::f64::consts::TAU;
+            DVec3::new(angle.cos(), angle.sin(), 0.1 * (7.0 * angle).sin())
+        };
+        let triangles: Vec<_> = (0..TRIANGLES).map(|i| [DVec3::Z, rim(i), rim(i + 1)]).collect();
+        for some in triangles.chunks(4096) {
+            builder.triangles(MeshKey::DIRECT, part, some, Attributes::NONE).unwrap();
+        }
+        drop(triangles);
+        builder.finish(&folder.path().join("model.oc")).unwrap()
+    });
+    println!("a fan of {TRIANGLES}: {most} of {budget} bytes, {} chunks", report.chunks);
+    assert!(report.chunks > 2 && most as u64 <= budget, "{most} of {budget} bytes");
+}
+
 /// One test: the count is the process's.
 #[test]
 fn a_build_keeps_to_its_budget() {
     let folder = tempfile::tempdir().unwrap();
     many_parts(folder.path());
     large_textures(folder.path());
+    fan(LEAST);
     for (name, triangles) in [("mandelbulb", 1_000_000), ("airliner", 600_000)] {
         for budget in [32 << 20, 64 << 20] {
             let (most, report) = build(name, triangles, budget);

@@ -12,6 +12,7 @@ use outcrop::build::{BuildOptions, Builder};
 use outcrop::import::generate::{GenerateOptions, generate};
 use outcrop::import::{Attributes, MeshKey, PartDesc, Sink};
 use outcrop::math::{DBounds, Ray};
+use outcrop::query::Policy;
 use outcrop::{
     Context, ContextOptions, Error, Frame, FrameOptions, FrameSettings, FrameState, Hit, Model, Outputs, QueryOptions,
     Result, Scene,
@@ -122,6 +123,34 @@ fn frames(path: &Path) {
     }
 }
 
+/// Rays through a stack of sheets, each with as many crossings as a single ray may have, almost.
+fn crossings(path: &Path) {
+    const SHEETS: usize = 30_000;
+    build(path, |builder| {
+        let part = builder.part(PartDesc::default()).unwrap();
+        let corners = [DVec3::new(-3.0, -3.0, 0.0), DVec3::new(3.0, -3.0, 0.0), DVec3::new(0.0, 4.0, 0.0)];
+        let sheets: Vec<[DVec3; 3]> = (0..SHEETS).map(|z| corners.map(|p| p + DVec3::Z * z as f64)).collect();
+        builder.triangles(MeshKey::DIRECT, part, &sheets, Attributes::NONE).unwrap();
+    });
+    let budget = 32 << 20;
+    let (_context, scene, _) = open(path, budget, 1).unwrap();
+    for count in [1, 2, 40] {
+        let rays: Vec<Ray> =
+            (0..count).map(|i| Ray::new(DVec3::new(f64::from(i) * 0.01, 0.0, -9.0), glam::Vec3::Z)).collect();
+        let mut found = 0;
+        // The blocks come at the first time.
+        for time in 0..2 {
+            let ((), most) = counting::most(|| {
+                scene.state().crossings(&rays, Policy::Exact, &mut |_, crossings, _| found += crossings.len()).unwrap();
+            });
+            let bound = (8 << 20) + budget as usize / 4;
+            println!("{} rays with {SHEETS} crossings take {most} bytes of {bound}", rays.len());
+            assert!(time == 0 || most <= bound, "{most} of {bound}");
+        }
+        assert_eq!(found, 2 * rays.len() * SHEETS);
+    }
+}
+
 /// Scenes count: all that they take fits the budget, also while they are made.
 fn scenes(path: &Path) {
     let places = sized(100_000, 10_000);
@@ -159,4 +188,5 @@ fn calls_keep_to_the_budget_and_the_stated_bounds() {
     });
     batches(&file("large.oc"));
     frames(&file("large.oc"));
+    crossings(&file("stack.oc"));
 }

@@ -113,6 +113,37 @@ fn placed_and_divided_meshes_come_back() {
     assert_eq!(direct.len(), 40 * 40 * 2 + ball.len());
 }
 
+/// A mesh that is placed several times with the same part has its triangles in each place, also twice in one place, and
+/// also if the mesh is divided or its triangles are in several leaves.
+fn a_part_in_several_places_comes_back_from_each() {
+    let bolt = |t: &[DVec3; 3]| t.map(|p| p * 1e-4 + DVec3::new(3e5, 3e5, 0.0));
+    let plain: Vec<_> = scenes::plane_grid(10, 0.0).iter().map(|t| t.map(|p| p * 4e4)).collect();
+    let ball = scenes::sphere(8, 16);
+    let divided = [&plain[..], &ball.iter().map(bolt).collect::<Vec<_>>()].concat();
+    let places = [0.0, 1e3, 1e3, -2e3].map(|z| DAffine3::from_translation(DVec3::Z * z));
+    for triangles in [ball, divided, scenes::slivers().tris] {
+        for splits in [Splits::On, Splits::Off] {
+            let (file, report) = build_with(BuildOptions { threads: 1, splits, ..options() }, |builder| {
+                let mesh = builder.shared_mesh(1).expect("a mesh");
+                builder.triangles(mesh, 0, &triangles, Attributes::NONE).expect("triangles");
+                let part = builder.part(PartDesc::default()).expect("a part");
+                places.iter().for_each(|place| builder.instance(mesh, *place, part).expect("an instance"));
+            });
+            let model = open(&file, 0);
+            let found = read(&model, 0, 100);
+            assert_eq!(found.len() as u64, 4 * report.triangles_kept);
+            assert_eq!(model.parts().get(0).expect("a part").triangles, found.len() as u64);
+            let mut times: BTreeMap<(u64, i64), usize> = BTreeMap::new();
+            for triangle in &found {
+                let from = triangles[triangle.prim as usize][0].z;
+                *times.entry((triangle.prim, (triangle.corners[0].z - from).round() as i64)).or_default() += 1;
+            }
+            assert!(times.iter().all(|((_, z), times)| *times == if *z == 1000 { 2 } else { 1 }));
+            assert_eq!(times.len() as u64, 3 * report.triangles_kept);
+        }
+    }
+}
+
 /// The triangle of a hit, in the world, in a budget that does not hold the model too.
 fn hits_lead_to_their_triangles() {
     let parts = [Part::white(3, scenes::bumpy_sphere(60, 90, 4)), Part::white(4, scenes::boxes(300, 2))];
@@ -168,7 +199,12 @@ fn hits_lead_to_their_triangles() {
         }
     }
 }
-on_each_structure!(parts_come_back, placed_and_divided_meshes_come_back, hits_lead_to_their_triangles);
+on_each_structure!(
+    parts_come_back,
+    placed_and_divided_meshes_come_back,
+    a_part_in_several_places_comes_back_from_each,
+    hits_lead_to_their_triangles,
+);
 
 #[test]
 fn parts_that_do_not_exist_are_refused() {

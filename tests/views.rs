@@ -146,6 +146,20 @@ fn hidden_parts_do_not_count_and_chosen_parts_fill_the_picture() {
     }
 }
 
+/// Parts without a size are shown from a distance of 1.
+#[test]
+fn points_are_shown_from_a_distance() {
+    let context = built::context(1);
+    let tiny = [DVec3::ZERO, DVec3::X, DVec3::Y].map(|p| p * 1e-30);
+    let parts = [Part::white(1, scenes::sphere(6, 9)), Part::white(2, vec![tiny])];
+    let (scene, _) = built::scene(&context, &built::parts(&parts));
+    let chosen = [Chosen { instance: 7, part: Some(2) }];
+    for lens in LENSES {
+        let camera = scene.state().fit(&fit_of(NamedView::Front, lens, (400, 300)), &chosen, Scope::Own).unwrap();
+        assert!((camera.eye() - DVec3::NEG_Y).length() < 1e-9, "{camera:?}");
+    }
+}
+
 #[test]
 fn bad_fits_have_a_reason() {
     let context = built::context(1);

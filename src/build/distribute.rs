@@ -205,6 +205,11 @@ impl Pool {
         Self { bucket, waiting: Vec::new(), count: 0 }
     }
 
+    /// Number of all triangles that were added.
+    pub(super) fn triangles(&self) -> u64 {
+        self.bucket.triangles
+    }
+
     /// Adds triangles, and the bounds of their middles.
     pub(super) fn add(&mut self, batch: Batch, bounds: Bounds) {
         if let Positions::Single(triangles) = &batch.positions {

@@ -5,6 +5,10 @@
 //! chunks have which vertex, the third, over these triangles alone, hands them over. Sets of vertices are Bloom
 //! filters: where one errs, a margin has a triangle too many, which does no harm. Only vertices within the bounds of
 //! another chunk are looked at.
+//!
+//! Margins take memory beside their chunks, so they are limited. A vertex at which very many triangles meet, such as
+//! the middle of a fan, would bring them all into every chunk that has it: such vertices do not count, and each chunk
+//! knows only its own triangles around them.
 
 use super::batch::{self, Batch, Extent, Positions};
 use super::bloom::{self, Bloom};
@@ -19,6 +23,15 @@ const TOGETHER: usize = 8;
 
 /// Bits of a set for each triangle, as far as memory allows.
 const BITS: u64 = 24;
+
+/// Most triangles of a batch at a vertex that counts.
+const MOST_AT_VERTEX: usize = 4096;
+
+/// Most chunks, per triangle, to which the triangles of a batch are handed over. Most triangles of a border go to one.
+const MOST_COPIES: usize = 4;
+
+/// A margin has at most the triangles of the largest chunk divided by this.
+const SHARE: u64 = 2;
 
 struct Margins<'a> {
     by: &'a Distributor<'a>,
@@ -104,19 +117,23 @@ impl Margins<'_> {
             let near = self.near(index);
             let mut pairs = Vec::new();
             let at_border = |batch: &Batch, near: &[(usize, Bounds)]| {
-                let (mut some, mut pairs) = (Batch::empty(true), Vec::new());
+                // Shared vertices, and the triangles that have them.
+                let mut met: Vec<(u64, u32)> = Vec::new();
                 for (i, triangle) in positions(batch).iter().enumerate() {
-                    let before = pairs.len();
-                    for p in triangle.iter().filter(|p| near.iter().any(|(_, reach)| contains(reach, **p))) {
-                        let hash = normals::hash(*p);
-                        if self.shared.has(hash) {
-                            pairs.push(bloom::pair(hash, index));
-                        }
-                    }
-                    if pairs.len() > before {
-                        add(&mut some, batch, i);
-                    }
+                    let within = triangle.iter().filter(|p| near.iter().any(|(_, reach)| contains(reach, **p)));
+                    let hashes = within.map(|p| normals::hash(*p)).filter(|hash| self.shared.has(*hash));
+                    met.extend(hashes.map(|hash| (hash, i as u32)));
                 }
+                met.sort_unstable();
+                let (mut triangles, mut pairs) = (Vec::new(), Vec::new());
+                for at in met.chunk_by(|a, b| a.0 == b.0).filter(|at| at.len() <= MOST_AT_VERTEX) {
+                    pairs.push(bloom::pair(at[0].0, index));
+                    triangles.extend(at.iter().map(|(_, triangle)| *triangle));
+                }
+                triangles.sort_unstable();
+                triangles.dedup();
+                let mut some = Batch::empty(true);
+                triangles.iter().for_each(|i| add(&mut some, batch, *i as usize));
                 (some, pairs)
             };
             self.each(&chunk.extents, &near, at_border, |(some, of_batch)| {
@@ -136,11 +153,13 @@ impl Margins<'_> {
             let near = self.near(index);
             let route = |batch: &Batch, near: &[(usize, Bounds)]| {
                 let mut to: Vec<(usize, Batch)> = Vec::new();
+                let mut left = MOST_COPIES * positions(batch).len();
                 for (i, triangle) in positions(batch).iter().enumerate() {
                     for &(chunk, reach) in near {
                         let has =
                             |p: &Vec3| contains(&reach, *p) && self.pairs.has(bloom::pair(normals::hash(*p), chunk));
-                        if triangle.iter().any(has) {
+                        if left > 0 && triangle.iter().any(has) {
+                            left -= 1;
                             let at = to.iter().position(|(to, _)| *to == chunk).unwrap_or_else(|| {
                                 to.push((chunk, Batch::empty(true)));
                                 to.len() - 1
@@ -152,7 +171,11 @@ impl Margins<'_> {
                 to
             };
             self.each(&bucket.extents, &near, route, |to| {
-                to.into_iter().for_each(|(chunk, batch)| pools[chunk].add(batch, Bounds::EMPTY));
+                for (chunk, batch) in to {
+                    if pools[chunk].triangles() + batch.parts.len() as u64 <= self.by.most / SHARE {
+                        pools[chunk].add(batch, Bounds::EMPTY);
+                    }
+                }
                 self.by.write_some(&mut pools)
             })?;
         }
@@ -212,7 +235,7 @@ mod tests {
         for threads in [1, 2] {
             let to = ScratchSpace::limited(None, Quota::new(0)).file().expect("a file");
             let (par, cancel) = (Par { threads }, Cancel::new());
-            let by = Distributor { most: 1000, waiting: 5000, to: &to, par: &par, cancel: &cancel };
+            let by = Distributor { most: 4000, waiting: 5000, to: &to, par: &par, cancel: &cancel };
             // Stripes, and one chunk that has triangles everywhere.
             let chunk_of = |i: usize| if i % 97 == 5 { 9 } else { i * 9 / triangles.len() };
             let mut pools: Vec<Pool> = (0..10).map(|_| Pool::new()).collect();

@@ -7,6 +7,7 @@ use super::query::oc_hit;
 use super::scene::{SceneObject, oc_scene};
 use super::status::oc_status;
 use crate::base::error::Error;
+use crate::base::inside_read::refuse_inside_read;
 use crate::base::progress::Cancel;
 use crate::query::{Hit, PartReader, StoredTriangle};
 use bytemuck::must_cast;
@@ -121,6 +122,8 @@ pub unsafe extern "C" fn oc_part_reader_next(
             return bad("capacity is 0");
         }
         handles::with(reader, |reader: &Shell<ReaderObject>| {
+            // Otherwise a read function that is called for this reader would wait for itself.
+            refuse_inside_read()?;
             let mut reader = reader.0.lock().unwrap_or_else(PoisonError::into_inner);
             let most = usize::try_from(capacity).unwrap_or(usize::MAX);
             let next = reader.next(most, &Cancel::new())?;

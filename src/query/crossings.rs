@@ -19,7 +19,7 @@ use crate::scene::through::Entrances;
 use crate::scene::walk::SceneView;
 use crate::structure::{Descent, Place, Triangle};
 use glam::Vec3;
-use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 
 /// A point where a ray goes through an original triangle. The members have the order of the C struct.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -112,6 +112,9 @@ const VISITS: usize = 1 << 14;
 /// The crossings that are held at a time take at most the budget divided by this.
 const SHARE: u64 = 4;
 
+/// Bytes of a crossing: vectors have up to twice the room that they need, and the caller gets copies of a ray's.
+const EACH: u64 = (2 * size_of::<Met>() + size_of::<Crossing>()) as u64;
+
 /// Takes the answer to a ray, as [`Take`].
 pub(super) type TakeMet<'a> = &'a mut dyn FnMut(usize, &[Met], bool);
 
@@ -171,7 +174,7 @@ impl Few<'_> {
             let (now, later) = visits.split_at(count.min(visits.len()));
             self.finish(now[0].0 as usize, take);
             let most = self.scene.context().memory_budget() / SHARE;
-            let room = most.saturating_sub((self.open.met.len() * size_of::<Met>()) as u64);
+            let room = most.saturating_sub(self.open.met.len() as u64 * EACH);
             let Some(found) = self.sweep(now, room)? else {
                 if count == 1 {
                     return Err(self.too_many(now[0].0)?);
@@ -182,8 +185,12 @@ impl Few<'_> {
             for (&(ray, _), found) in now.iter().zip(found) {
                 self.finish(ray as usize, take);
                 self.open.is_complete &= !found.is_short;
-                make_room(&mut self.open.met, found.met.len(), CROSSINGS)?;
-                self.open.met.extend(found.met);
+                if self.open.met.is_empty() {
+                    self.open.met = found.met;
+                } else {
+                    make_room(&mut self.open.met, found.met.len(), CROSSINGS)?;
+                    self.open.met.extend(found.met);
+                }
             }
             visits = later;
         }
@@ -193,21 +200,16 @@ impl Few<'_> {
     /// Makes visits at the same time; `None` if their results take more than `room` bytes.
     fn sweep(&self, visits: &[(u32, u32)], room: u64) -> Result<Option<Vec<Found>>> {
         let trees: Vec<u32> = visits.iter().map(|&(_, placed)| placed).collect();
-        let held = AtomicU64::new(0);
+        let room = Room { left: AtomicU64::new(room / EACH), is_exceeded: AtomicBool::new(false) };
         let found = sweep(self.scene, &trees, self.policy, &|view, visit, left, found: &mut Found| {
-            let before = found.met.len();
             let (ray, placed) = visits[visit];
-            let lacking = search(view, &self.rays[ray as usize], placed, left, found, |more| {
-                held.load(Relaxed) + ((more - before) * size_of::<Met>()) as u64 <= room
-            });
-            held.fetch_add(((found.met.len() - before) * size_of::<Met>()) as u64, Relaxed);
-            lacking
+            search(view, &self.rays[ray as usize], placed, left, found, &room)
         })?;
         if let Some(refused) = found.iter().find(|found| found.is_refused) {
             let bytes = (2 * refused.met.len() * size_of::<Met>()) as u64;
             return Err(Error::NoMemory { what: CROSSINGS.into(), bytes });
         }
-        Ok((held.into_inner() <= room).then_some(found))
+        Ok((!room.is_exceeded.into_inner()).then_some(found))
     }
 
     /// The error that the crossings of a ray take too much memory; counts them all.
@@ -225,8 +227,8 @@ impl Few<'_> {
             .iter()
             .sum::<u64>();
         }
-        // The margin is for the room that a vector grows by.
-        let need = (count + 2) * size_of::<Met>() as u64 * SHARE;
+        // The margin is for rounding.
+        let need = (count + 2) * EACH * SHARE;
         let have = self.scene.context().memory_budget();
         Ok(Error::OverBudget { what: format!("the {count} crossings of a single ray"), need: need.max(have + 1), have })
     }
@@ -243,26 +245,70 @@ impl Few<'_> {
     }
 }
 
-/// Continues a visit of a ray to a placed tree. Returns the blocks of primitive ids that it lacks. `fits`: true if so
-/// many crossings have room; otherwise the visit ends without a result.
+/// Room for the crossings of a sweep, which its visits share. Each takes some before it finds them: otherwise every
+/// thread could fill all of it.
+struct Room {
+    /// Number of crossings.
+    left: AtomicU64,
+    /// True if a visit has found more. Then all visits end.
+    is_exceeded: AtomicBool,
+}
+
+/// Most crossings for which a visit takes room at a time.
+const AT_A_TIME: usize = 64;
+
+impl Room {
+    /// Takes room for about `count` crossings; returns for how many, 0 if there is none.
+    fn take(&self, count: usize) -> usize {
+        let of = |count: usize| {
+            let less = |left: u64| left.checked_sub(count as u64);
+            self.left.fetch_update(Relaxed, Relaxed, less).map_or(0, |_| count)
+        };
+        let taken = if of(count) > 0 { count } else { of(1) };
+        if taken == 0 {
+            self.is_exceeded.store(true, Relaxed);
+        }
+        taken
+    }
+
+    fn give_back(&self, count: usize) {
+        self.left.fetch_add(count as u64, Relaxed);
+    }
+}
+
+/// Makes room for another crossing. Returns false if the system refuses memory.
+fn grow(met: &mut Vec<Met>) -> bool {
+    // Most visits find one crossing or two: the least room of a vector would be for four.
+    met.len() < met.capacity() || met.try_reserve_exact(met.len().max(1)).is_ok()
+}
+
+/// Continues a visit of a ray to a placed tree. Returns the blocks of primitive ids that it lacks. Without room the
+/// visit ends without a result.
 fn search(
     view: &SceneView,
     ray: &Ray,
     placed: u32,
     left: &mut Descent,
     found: &mut Found,
-    fits: impl Fn(usize) -> bool,
+    room: &Room,
 ) -> Vec<BlockId> {
     let p = &view.scene.placement.placed[placed as usize];
     let instance = view.scene.instances[p.instance as usize].id;
     let parts = view.model_of(placed).parts();
     let tree = view.tree(placed);
     let Found { met, is_refused, .. } = found;
+    let (before, mut taken) = (met.len(), 0);
     view.through(ray, placed, left, &mut |hit, triangle, side, span| {
         let t = distance(p, &triangle.vertices, ray, span);
-        // A crossing that has no room is noted, so that the caller learns of it.
-        if (ray.begins()..=ray.t_max).contains(&t) && fits(met.len()) {
-            if met.try_reserve(1).is_err() {
+        if (ray.begins()..=ray.t_max).contains(&t) && !room.is_exceeded.load(Relaxed) {
+            if met.len() - before == taken {
+                let more = room.take(taken.clamp(1, AT_A_TIME));
+                if more == 0 {
+                    return;
+                }
+                taken += more;
+            }
+            if !grow(met) {
                 *is_refused = true;
                 return;
             }
@@ -273,7 +319,8 @@ fn search(
             met.extend(tree.prim_place(hit).map(|prim| Met { crossing, placed, part, prim, is_known: false }));
         }
     });
-    if !fits(met.len()) {
+    room.give_back(taken - (met.len() - before));
+    if room.is_exceeded.load(Relaxed) {
         *left = Descent::default();
         return Vec::new();
     }

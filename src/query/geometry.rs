@@ -15,6 +15,8 @@ use crate::scene::placed::Placed;
 use crate::structure::open::{self, Holder};
 use crate::structure::{Below, Place, Rooted, Tree, TriHit, Triangle, Visit};
 use glam::{DAffine3, DMat3, DVec3, Vec3};
+use std::collections::HashMap;
+use std::ops::Range;
 use std::sync::Arc;
 
 /// A triangle with everything that is stored of it.
@@ -51,8 +53,9 @@ impl Place3 {
     fn stored(&self, triangle: &Triangle, normals: Option<[Vec3; 3]>, [part, prim]: [u64; 2]) -> StoredTriangle {
         let corner = |v: Vec3| if self.is_plain { v.as_dvec3() } else { self.matrix * v.as_dvec3() } + self.offset;
         let corners = triangle.vertices.map(corner);
-        let [a, b, c] = corners;
-        let across = (b - a).cross(c - a);
+        // Far from zero the differences of placed corners have few digits.
+        let [a, b, c] = triangle.vertices.map(Vec3::as_dvec3);
+        let across = (self.matrix * (b - a)).cross(self.matrix * (c - a));
         // A mirrored placement turns the side from which corners appear counter-clockwise.
         let cofactors = {
             let [x, y, z] = [self.matrix.x_axis, self.matrix.y_axis, self.matrix.z_axis];
@@ -65,19 +68,30 @@ impl Place3 {
     }
 }
 
+/// A tree in which a part may be, as it is placed.
+#[derive(Debug, Clone, Copy)]
+struct Placing {
+    tree: u32,
+    /// Index in the model of the first part that the tree's triangles may have.
+    first_part: u32,
+    model_from_mesh: DAffine3,
+    /// True if trees before it may have the same triangles in the same place: those of one divided mesh.
+    goes_on: bool,
+}
+
 /// Reads the triangles of a part, some at a time, in memory that does not depend on their number, except for a bit for
-/// each triangle of a model whose triangles may be stored twice. The order is that of the file.
+/// each triangle of a model whose triangles may be stored twice. The order is that of the file, but for the trees of a
+/// divided mesh, which follow one another.
 pub struct PartReader {
     model: Model,
     part: u32,
     id: u64,
     sets: Option<Arc<KeptSets>>,
-    /// The trees in which the part may be, with their placements and the part's number there.
-    placings: Vec<(u32, u32, DAffine3)>,
+    placings: Vec<Placing>,
     /// The next block: its placing, and its number among those with triangles.
     at: (usize, usize),
-    /// A bit for each primitive id that was returned, if triangles may be stored in several leaves or trees.
-    seen: Option<(Vec<u64>, Kept)>,
+    /// The triangles that were returned, if they may be stored in several leaves or trees.
+    seen: Option<Seen>,
     /// Triangles of the last block, the first of them already returned.
     waiting: Vec<StoredTriangle>,
     returned: usize,
@@ -96,17 +110,14 @@ impl Model {
             let count = file.trees()[*tree as usize].local_parts;
             (*first..first.saturating_add(count)).contains(&part)
         };
-        let placings: Vec<_> = self.placements().filter(has_part).collect();
+        let placings = in_places(self.placements().filter(has_part));
         let header = file.header();
-        let seen = if header.options.spatial_splits || placings.len() > 1 {
-            let words = header.triangles_in.div_ceil(64);
-            let what = "the ids of triangles that were read";
-            let kept = self.context().residency().keep(what, 8 * words)?;
-            Some((zeroed(usize::try_from(words).unwrap_or(usize::MAX), what)?, kept))
+        let seen = if header.options.spatial_splits || placings.iter().any(|placing| placing.goes_on) {
+            Some(Seen::new(self, header.triangles_in)?)
         } else {
             None
         };
-        let has_several = placings.iter().any(|(tree, ..)| file.trees()[*tree as usize].local_parts > 1);
+        let has_several = placings.iter().any(|placing| file.trees()[placing.tree as usize].local_parts > 1);
         let sets = if has_several { Some(self.part_sets()?) } else { None };
         Ok(PartReader {
             model: self.clone(),
@@ -142,7 +153,12 @@ impl PartReader {
         refuse_inside_read()?;
         loop {
             cancel.check()?;
-            let Some(&(tree, first_part, place)) = self.placings.get(self.at.0) else { return Ok(false) };
+            let Some(&placing) = self.placings.get(self.at.0) else { return Ok(false) };
+            let Placing { tree, first_part, model_from_mesh, goes_on } = placing;
+            if self.at.1 == 0 && !goes_on {
+                // A mesh in another place has the same ids.
+                self.seen.iter_mut().for_each(Seen::clear);
+            }
             let file = self.model.blocks().file();
             let Some(Holder { listed_by, block }) = open::holder(file, &file.trees()[tree as usize], self.at.1)? else {
                 self.at = (self.at.0 + 1, 0);
@@ -151,7 +167,7 @@ impl PartReader {
             let local = self.part - first_part;
             if self.may_hold(listed_by, local) {
                 let mut found = Vec::new();
-                self.load(tree, block, local, &place, cancel, &mut found)?;
+                self.load(tree, block, local, &model_from_mesh, cancel, &mut found)?;
                 self.waiting = found;
                 self.at.1 += 1;
                 return Ok(true);
@@ -192,7 +208,7 @@ impl PartReader {
             match (view.prim(hit), view.normals(hit)) {
                 (Ok(prim), Ok(normals)) => {
                     let prim = prim.map_or(super::hit::NONE, u64::from);
-                    if seen.as_mut().is_none_or(|(bits, _)| is_new(bits, prim)) {
+                    if seen.as_mut().is_none_or(|seen| seen.insert(prim)) {
                         found.push(place.stored(triangle, normals, [id, prim]));
                     }
                 }
@@ -207,13 +223,62 @@ impl PartReader {
     }
 }
 
-/// Sets the bit of an id. Returns false if it was set.
-fn is_new(bits: &mut [u64], id: u64) -> bool {
-    let Some(word) = bits.get_mut((id / 64) as usize) else { return true };
-    let bit = 1 << (id % 64);
-    let is_new = *word & bit == 0;
-    *word |= bit;
-    is_new
+/// Returns the placings such that those that may have the same triangles in the same place follow one another: trees of
+/// one divided mesh. A tree that is placed several times has its triangles several times.
+fn in_places(all: impl Iterator<Item = (u32, u32, DAffine3)>) -> Vec<Placing> {
+    let place =
+        |(_, first_part, at): &(u32, u32, DAffine3)| (*first_part, at.to_cols_array().map(|x| (x + 0.0).to_bits()));
+    let all: Vec<_> = all.collect();
+    // How often each tree is in each place, and the first placing of each such layer of a place.
+    let (mut times, mut firsts) = (HashMap::new(), HashMap::new());
+    let mut layered: Vec<(usize, usize)> = Vec::with_capacity(all.len());
+    for (i, one) in all.iter().enumerate() {
+        let time = times.entry((place(one), one.0)).or_insert(0u32);
+        layered.push((*firsts.entry((place(one), *time)).or_insert(i), i));
+        *time += 1;
+    }
+    layered.sort_unstable();
+    let placing = |(first, i): (usize, usize)| {
+        let (tree, first_part, model_from_mesh) = all[i];
+        Placing { tree, first_part, model_from_mesh, goes_on: first != i }
+    };
+    layered.into_iter().map(placing).collect()
+}
+
+/// A set of primitive ids, a bit for each id of the model.
+struct Seen {
+    bits: Vec<u64>,
+    /// The words that may not be 0.
+    used: Range<usize>,
+    _memory: Kept,
+}
+
+impl Seen {
+    fn new(model: &Model, triangles: u64) -> Result<Self> {
+        let words = triangles.div_ceil(64);
+        let what = "the ids of triangles that were read";
+        let memory = model.context().residency().keep(what, 8 * words)?;
+        Ok(Self { bits: zeroed(usize::try_from(words).unwrap_or(usize::MAX), what)?, used: 0..0, _memory: memory })
+    }
+
+    /// Adds an id. Returns false if it was there.
+    fn insert(&mut self, id: u64) -> bool {
+        let index = (id / 64) as usize;
+        let Some(word) = self.bits.get_mut(index) else { return true };
+        let bit = 1 << (id % 64);
+        let is_new = *word & bit == 0;
+        *word |= bit;
+        self.used = match self.used.is_empty() {
+            true => index..index + 1,
+            false => self.used.start.min(index)..self.used.end.max(index + 1),
+        };
+        is_new
+    }
+
+    fn clear(&mut self) {
+        self.bits[self.used.clone()].fill(0);
+        self.used = 0..0;
+    }
 }
 
 impl SceneState {

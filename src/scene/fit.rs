@@ -316,13 +316,15 @@ impl Supports {
         // Points have no size: any does that leaves enough digits.
         let size = wide.max(high).max(depth);
         let reach = place(0.0).abs().max_element();
-        let size = if size > reach * 1e-12 { size } else { (reach * 1e-6).max(1.0) };
+        let is_point = size <= reach * 1e-12;
+        let size = if is_point { (reach * 1e-6).max(1.0) } else { size };
         let at = place((far - near) * 0.5);
         match fit.lens {
             Lens::Perspective(fov_y_degrees) => {
                 let [wide_slope, high_slope] = frame.slopes;
                 let ahead = (-(right + left) / wide_slope).min(-(upper + lower) / high_slope) * 0.5;
-                let eye = place(ahead.min(-near - size * LEAST_AHEAD));
+                let least = if is_point { size } else { size * LEAST_AHEAD };
+                let eye = place(ahead.min(-near - least));
                 Camera::Perspective { eye, at, up: fit.up, fov_y_degrees }
             }
             Lens::Orthographic => {

@@ -583,7 +583,18 @@ static uint32_t read_bytes(void *user, uint64_t offset, void *buffer, uint64_t b
     return 0;
 }
 
-/* Sources that are shorter or longer than they say. */
+/* A reader of triangles that a source uses while it reads for that reader. */
+static oc_part_reader *reader_in_read;
+static oc_status status_in_read;
+
+static uint32_t read_in_read(void *user, uint64_t offset, void *buffer, uint64_t bytes) {
+    oc_triangle triangle;
+    uint64_t count;
+    if (reader_in_read) status_in_read = oc_part_reader_next(reader_in_read, &triangle, 1, &count);
+    return read_bytes(user, offset, buffer, bytes);
+}
+
+/* Sources that are shorter or longer than they say, and one that reads what is being read. */
 static void lying_sources(oc_context *c) {
     static bytes_of_model model;
     oc_model *m = NULL;
@@ -604,6 +615,20 @@ static void lying_sources(oc_context *c) {
     }
     io.size = model.size;
     OK(oc_model_open_io(c, &io, &m));
+    oc_model_release(m);
+
+    io.read_at = read_in_read;
+    OK(oc_model_open_io(c, &io, &m));
+    oc_part_reader *reader;
+    OK(oc_model_read_part(m, 7, &reader));
+    oc_triangle triangles[4];
+    uint64_t count = 0;
+    status_in_read = OC_STATUS_OK;
+    reader_in_read = reader;
+    OK(oc_part_reader_next(reader, triangles, 4, &count));
+    CHECK(count == 4 && status_in_read == OC_STATUS_INVALID_STATE);
+    reader_in_read = NULL;
+    oc_part_reader_release(reader);
     oc_model_release(m);
 }
 
