@@ -8,7 +8,7 @@
 //     outcrop::model model;
 //     oc_status status = oc_model_open(context.get(), path, model.put());
 //
-// If exceptions are enabled, the classes also have members for the C functions. They throw outcrop::error on failure.
+// If exceptions are enabled, the classes also have members for most of the C functions. They throw outcrop::error on failure.
 // Without exceptions, or with OUTCROP_NO_EXCEPTIONS, there are only the handles. outcrop.h documents the functions:
 // their arguments, thread safety and blocking.
 #ifndef OUTCROP_HPP
@@ -101,6 +101,7 @@ using model = model_handle;
 using scene = scene_handle;
 using frame = frame_handle;
 using mapping = mapping_handle;
+using part_reader = part_reader_handle;
 
 #else
 
@@ -224,6 +225,12 @@ class job : public job_handle {
         auto s = init<oc_build_report>();
         check(oc_job_build_report(get(), &s));
         return s;
+    }
+    /// A warning about an input. `index` is below `notes` of the report.
+    std::string note(std::uint32_t index) const {
+        const char *text = nullptr;
+        check(oc_job_build_note(get(), index, &text));
+        return text;
     }
     class model model() const {
         class model m;

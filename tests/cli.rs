@@ -242,6 +242,34 @@ fn crossings_are_listed_with_the_parts_around_the_start() {
     fails(dir, &["crossings", "m.oc", "--ray", "0", "0", "0", "1", "0", "0", "--memory", "1"], 1, "budget");
 }
 
+/// Two parts below that of the file, which has no triangles of its own.
+#[test]
+fn parts_are_exported_each_once_and_with_those_below() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let header = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n\
+                  element face 2\nproperty list uchar int vertex_indices\nproperty int part\nend_header\n";
+    let rows = "0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 1 2 7\n3 0 1 3 8\n";
+    std::fs::write(dir.join("m.ply"), format!("{header}{rows}")).unwrap();
+    json(dir, &["build", "m.ply", "-o", "m.oc"]);
+    let counts = |of: &[&str]| {
+        let said = json(dir, &[&["export", "m.oc", "-o", "out.ply"], of].concat());
+        ["parts", "triangles", "vertices"].map(|key| said[key].as_u64().unwrap())
+    };
+    assert_eq!(counts(&["--part", "7"]), [1, 1, 3]);
+    assert_eq!(counts(&["--part", "7,7"]), [1, 1, 3]);
+    assert_eq!(counts(&["--part", "0"]), [1, 0, 0]);
+    assert_eq!(counts(&["--part", "0", "--below"]), [3, 2, 6]);
+    assert_eq!(counts(&[]), [3, 2, 6]);
+    let text = String::from_utf8(outcrop(dir, &["export", "m.oc", "--part", "8", "-o", "8.ply"]).stdout).unwrap();
+    assert_eq!(text, "8.ply: 1 part, 1 triangle, 3 vertices\n");
+    assert_eq!(json(dir, &["build", "out.ply", "-o", "again.oc"])["triangles_kept"], 2);
+    fails(dir, &["export", "m.oc", "--part", "9", "-o", "no.ply"], 2, "no part with id 9");
+    fails(dir, &["export", "m.oc", "-o", "m.oc"], 2, "must end with .ply");
+    fails(dir, &["export", "m.ply", "-o", "no.ply"], 1, "not an outcrop model");
+    assert!(!names(dir).contains(&"no.ply".to_string()));
+}
+
 #[test]
 fn each_verb_has_help() {
     let dir = tempfile::tempdir().unwrap();

@@ -7,6 +7,7 @@
 use crate::abi::{SONAME, built, compiler, root, run, temp};
 use outcrop::base::progress::{Cancel, Progress};
 use outcrop::build::{BuildOptions, Builder};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::Arc;
@@ -16,7 +17,7 @@ const TESTED: [&str; 3] = ["c", "cpp", "python"];
 const UNTESTED: [&str; 3] = ["sh", "cmake", "text"];
 
 /// The number of snippets: a page that loses a snippet by accident fails the test.
-const SNIPPETS: usize = 36;
+const SNIPPETS: usize = 39;
 
 const README_LINES: usize = 150;
 const README_C_LINES: usize = 30;
@@ -217,6 +218,25 @@ fn pages_have_their_snippets_and_the_readme_is_short() {
         assert!(lines <= most, "README.md: the program in {language} has {lines} lines");
         let is_whole = programs[0].code.contains(if language == "c" { "int main(" } else { "import outcrop" });
         assert!(is_whole, "README.md: the program in {language} is not whole");
+    }
+}
+
+/// A new buffer or object gets its line in the table of the guide.
+#[test]
+fn tables_name_every_buffer_and_object_of_the_header() {
+    let header = read(&root().join("include/outcrop.h"));
+    let page = |name: &str| read(&root().join("src/guide").join(name));
+    let names = |before: &str, after: &str| -> BTreeSet<String> {
+        let lines = header.lines().filter_map(|line| line.strip_prefix(before));
+        lines.filter_map(|line| line.split_once(after)).map(|(name, _)| name.to_string()).collect()
+    };
+    let (buffers, handles) = (names("#define OC_BUFFER_", " "), names("OC_API void oc_", "_retain("));
+    assert!(buffers.len() >= 10 && handles.len() >= 8, "the header's names were not found");
+    for buffer in buffers {
+        assert!(page("promise.md").contains(&format!("`OC_BUFFER_{buffer}`")), "promise.md lacks OC_BUFFER_{buffer}");
+    }
+    for object in handles {
+        assert!(page("concepts.md").contains(&format!("| `oc_{object}` |")), "concepts.md lacks oc_{object}");
     }
 }
 

@@ -315,6 +315,23 @@ fn picture(scene: &Scene, settings: FrameSettings) -> (Vec<f32>, Vec<f32>, Vec<f
     (floats(Buffer::ColourLinear), floats(Buffer::Normal), floats(Buffer::ShadingNormal))
 }
 
+/// A pick has every field, also the one that queries leave out unless it is requested.
+#[test]
+fn picks_have_a_shading_normal() {
+    let (built, _) = build(&scenes::sphere(24, 48), None, 0);
+    let (scene, _model) = built::scene(&built::context(2), &built);
+    let size = FrameOptions { width: 64, height: 64, ..FrameOptions::default() };
+    let frame = Frame::new(scene.state().context(), size).expect("a frame");
+    let camera =
+        Camera::Perspective { eye: DVec3::new(0.0, -4.0, 0.5), at: DVec3::ZERO, up: DVec3::Z, fov_y_degrees: 35.0 };
+    frame.request(&scene.state(), &camera, &FrameSettings::default()).expect("a request");
+    for hit in [frame.pick(40, 24).expect("a hit"), frame.pick_near(40, 24, 3.0).expect("a hit")] {
+        assert_eq!(hit.kind, HitKind::Exact);
+        assert!(degrees(hit.shading_normal, hit.position) < 1.0, "{hit:?}");
+        assert!(degrees(hit.normal, hit.position) > 1.0, "{hit:?}");
+    }
+}
+
 fn lit(built: &Built, light: LightKind, shadows: bool) -> (Vec<f32>, Vec<f32>, Vec<f32>) {
     let (scene, _model) = built::scene(&built::context(2), built);
     scene.set_lights(vec![Light { kind: light, colour: [1.0; 3], intensity: 3.0, shadows }]).expect("lights");

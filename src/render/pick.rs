@@ -17,7 +17,8 @@ const MOST_AT_EYE: usize = 1 << 10;
 /// whose plane goes through the eye are not hit. Blocks; may read the disk.
 pub fn pick(scene: &SceneState, ray: &Ray, ahead: f64) -> Result<Hit> {
     let mut ray = Ray { cone: Cone::ZERO, ..*ray };
-    let options = QueryOptions { coherent: false, want: Want::ALL, policy: Policy::Exact };
+    let want = Want::ALL | Want::SHADING_NORMAL;
+    let options = QueryOptions { coherent: false, want, policy: Policy::Exact };
     let mut hit = [Hit::MISS];
     for _ in 0..MOST_AT_EYE {
         scene.closest(&[ray], options, &mut hit)?;

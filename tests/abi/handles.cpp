@@ -9,6 +9,9 @@ static_assert(!std::is_copy_assignable<outcrop::frame>::value, "move-only");
 static_assert(std::is_nothrow_move_constructible<outcrop::context>::value, "moves");
 static_assert(std::is_nothrow_move_assignable<outcrop::model>::value, "moves");
 static_assert(sizeof(outcrop::job) == sizeof(void *), "nothing but the handle");
+static_assert(sizeof(outcrop::build) == sizeof(void *), "each object type has a class, with and without exceptions");
+static_assert(sizeof(outcrop::mapping_handle) == sizeof(void *), "likewise");
+static_assert(sizeof(outcrop::part_reader) == sizeof(void *), "likewise");
 
 outcrop::model opened(outcrop::context &context, const char *path) {
     outcrop::model model;

@@ -13,7 +13,7 @@ import numpy
 from numpy.typing import ArrayLike, NDArray
 
 from . import _abi
-from ._value import numbers
+from ._value import Value, numbers
 
 Array = NDArray[Any]
 
@@ -161,6 +161,14 @@ def elements(name: str, array: Any, dtype: numpy.dtype[Any], of: str) -> Array:
         what = given(array) if isinstance(array, numpy.ndarray) else type(array).__name__
         raise TypeError(f"{name}: expected an array of dtype outcrop.{of}, not {what}")
     return array
+
+
+def structs(name: str, value: Any, dtype: numpy.dtype[Any], of: str, struct: type[c.Structure]) -> Array:
+    """Returns an array of structs: the value itself, or one made of a value class, such as a Hit, or a list of them."""
+    listed = [value] if isinstance(value, Value) else value
+    if isinstance(listed, (list, tuple)) and listed and all(getattr(one, "_struct", None) is struct for one in listed):
+        return numpy.frombuffer(b"".join(bytes(one._to_c()) for one in listed), dtype)
+    return elements(name, value, dtype, of)
 
 
 def stride_of(name: str, array: Array) -> int:

@@ -15,7 +15,7 @@ from ._arrays import faces as checked_faces
 from ._callbacks import Entry, callback, find, forget, register
 from ._enums import Index, Resolution, Scalar, Status
 from ._handles import Handle, Reference, made
-from ._jobs import Job
+from ._jobs import Job, release_job
 from ._library import lib
 from ._meshes import Mesh, check_placements
 from ._value import text, whole
@@ -93,6 +93,8 @@ RELEASE = _abi.oc_release_fn(callback(_release))
 
 class BuildJob(Job[BuildReport]):
     """A build in flight. Its result is the report."""
+
+    _release = release_job
 
     def __init__(self, address: int | None, build: Reference, resolving: _Resolving | None) -> None:
         super().__init__(address, build, _report)

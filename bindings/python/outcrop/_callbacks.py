@@ -21,6 +21,9 @@ _objects: dict[int, Any] = {}
 _keys = itertools.count(1)
 _inside: set[int] = set()
 
+_ends: list[Callable[[float], None]] = []
+"""Functions that wait at the end of the interpreter for released objects that still call back."""
+
 EXIT_SECONDS = 10
 """Longest wait at the end of the interpreter, for callbacks in progress."""
 
@@ -122,12 +125,19 @@ def _submit(user: int, run: Callable[[int], None], task: int) -> None:
 SUBMIT = _abi.oc_submit_fn(callback(_submit))
 
 
+def wait_at_exit(wait: Callable[[float], None]) -> None:
+    """Registers a function that waits for so many seconds at most."""
+    _ends.append(wait)
+
+
 @atexit.register
 def _at_exit() -> None:
     """Ends all work that calls back: a thread that enters Python while the interpreter ends would end the process."""
-    if not _objects:
+    if next(_keys) == 1:
         return
     release_all()
+    for wait in _ends:
+        wait(EXIT_SECONDS)
     end = time.monotonic() + EXIT_SECONDS
     while _inside and time.monotonic() < end:
         time.sleep(0.01)

@@ -16,7 +16,7 @@ from ._errors import Error
 from ._frame import Frame, Picture
 from ._handles import Handle, Reference, made
 from ._io import Opening, Source, reader
-from ._jobs import Job
+from ._jobs import Job, release_job
 from ._library import lib
 from ._meshes import Mesh, Sources, flatten
 from ._model import Model
@@ -159,6 +159,8 @@ class Context(Handle):
 
 class _LoadJob(Job[Model]):
     """A model that is being opened. If the reader raised an exception, the wait raises it."""
+
+    _release = release_job
 
     def __init__(self, address: int | None, context: Reference, opening: Opening | None) -> None:
         super().__init__(address, context, _model)

@@ -19,7 +19,7 @@ from ._library import lib
 from ._png import png
 from ._queries import Hit
 from ._scene import Scene
-from ._value import whole
+from ._value import real, whole
 from ._values import Accuracy, Camera, FrameSettings, Progress
 
 
@@ -167,7 +167,7 @@ class Frame(Handle):
         the hit is that at the pixel; or, if that is a miss, the nearest.
         """
         hit = _abi.oc_hit()
-        lib.oc_frame_pick_near(self._h, whole("x", x, 32), whole("y", y, 32), radius, c.byref(hit))
+        lib.oc_frame_pick_near(self._h, whole("x", x, 32), whole("y", y, 32), real("radius", radius), c.byref(hit))
         return Hit._from_c(hit)
 
     def on_picture(self, listener: Callable[[], object] | None) -> None:

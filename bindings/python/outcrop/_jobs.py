@@ -9,7 +9,7 @@ from collections.abc import Callable, Generator
 from typing import Any, Generic, TypeVar
 
 from . import _abi
-from ._callbacks import WAKE, Entry, Listeners
+from ._callbacks import WAKE, Entry, Listeners, wait_at_exit
 from ._enums import State
 from ._errors import Error
 from ._handles import Handle, Reference
@@ -75,6 +75,46 @@ async def awaited(listen: Callable[[Callable[[], None]], None], cancel: Callable
         raise
 
 
+_ending: list[Any] = []
+
+
+def release_job(job: Any) -> None:
+    """Releases a job. One that still runs is cancelled, and released after its end.
+
+    Its thread calls back meanwhile: the end of the interpreter must wait for it.
+    """
+    try:
+        lib.oc_job_cancel(job)
+    except Error:  # of the parent process, or poisoned
+        lib.oc_job_release(job)
+        return
+    _ending.append(job)
+    release_ended(0)
+
+
+def release_ended(seconds: float) -> None:
+    """Releases the jobs that have ended. Waits for the others for so many seconds at most."""
+    end = time.monotonic() + seconds
+    for _ in range(len(_ending)):
+        try:
+            job = _ending.pop(0)
+        except IndexError:  # another thread was faster
+            return
+        progress = _abi.oc_progress()
+        try:
+            # In a context without threads the wait does the work, which ends at once.
+            lib.oc_job_wait(job, max(0, int((end - time.monotonic()) * 1000)), c.byref(progress))
+        except Error:
+            pass
+        if progress.state == State.RUNNING:
+            _ending.append(job)
+        else:
+            lib.oc_job_release(job)
+
+
+wait_at_exit(release_ended)
+
+
 class Job(Handle, Generic[T]):
     """Work in flight: a build, a load, a batch of rays or a prefetch. `await` it, or call `result()`.
 
@@ -82,7 +122,7 @@ class Job(Handle, Generic[T]):
     """
 
     _kind = "Job"
-    _release = lib.oc_job_release
+    _release = lib.oc_job_release  # of a batch: it waits until no thread uses the arrays
 
     def __init__(self, address: int | None, made_from: Reference, finish: Callable[[Reference, Progress], T],
                  keep: Any = None) -> None:

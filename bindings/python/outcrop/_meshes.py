@@ -101,12 +101,12 @@ def _trimesh(mesh: Any, name: str | None) -> Mesh:
 
 
 def _trimesh_material(material: Any) -> Material | None:
-    """Converts the main colour of a trimesh material."""
+    """Converts the main colour of a trimesh material. As in the files that it comes from, it is linear."""
     colour = getattr(material, "main_color", None)
     if colour is None:
         return None
     opacity = float(colour[3]) / 255 if len(colour) > 3 else 1.0
-    return Material(colour=linear(colour), opacity=opacity or 1.0,
+    return Material(colour=numpy.asarray(colour)[:3] / 255, opacity=opacity or 1.0,
                     metalness=float(getattr(material, "metallicFactor", None) or 0.0),
                     roughness=float(getattr(material, "roughnessFactor", None) or 0.0))
 
@@ -131,12 +131,15 @@ def _trimesh_scene(scene: Any) -> Iterator[Mesh]:
 
 
 def _pyvista(data: Any, name: str | None) -> Mesh:
-    """Converts a pyvista.PolyData. Polygons and strips are divided into triangles."""
+    """Converts a pyvista.PolyData. Polygons and strips are divided into triangles.
+
+    Its normals are left out: those of points are means, also across the edges of a cube.
+    """
     strips = getattr(data, "n_strips", 0)
     if strips or not data.is_all_triangles:
         data = data.triangulate()
     faces = numpy.asarray(data.faces).reshape(-1, 4)[:, 1:]
-    return Mesh(numpy.asarray(data.points), faces, name=name, normals=data.point_data.get("Normals"))
+    return Mesh(numpy.asarray(data.points), faces, name=name)
 
 
 def check_placements(name: str, placements: Sequence[tuple[str, ArrayLike]]) -> list[tuple[str, Any]]:

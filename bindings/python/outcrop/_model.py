@@ -14,7 +14,7 @@ from ._arrays import TRIANGLE, Array, address
 from ._enums import PlacementFlags, UpAxis
 from ._handles import Handle, made
 from ._library import lib
-from ._value import whole
+from ._value import real, whole
 from ._values import Camera, ModelInfo, PartInfo
 
 
@@ -61,7 +61,7 @@ class Model(Handle):
             ArgumentError: no part has the id.
         """
         index = c.c_uint32()
-        lib.oc_model_find_part(self._h, part, c.byref(index))
+        lib.oc_model_find_part(self._h, whole("part", part), c.byref(index))
         return index.value
 
     def part(self, part: int) -> PartInfo:
@@ -82,7 +82,7 @@ class Model(Handle):
         """
         if chunk < 1:
             raise ValueError(f"chunk: expected a positive number, not {chunk}")
-        reader = _Reader(made(lib.oc_model_read_part, self._h, part))
+        reader = _Reader(made(lib.oc_model_read_part, self._h, whole("part", part)))
         with reader:
             while True:
                 triangles = numpy.empty(chunk, TRIANGLE)
@@ -102,7 +102,7 @@ class Model(Handle):
     def view(self, number: int = 0) -> Camera:
         """Returns a perspective camera: 0 and 1 show the whole model, 2 and 3 are closer. See `Scene.fit`."""
         camera = _abi.oc_camera()
-        lib.oc_model_get_view(self._h, number, c.byref(camera))
+        lib.oc_model_get_view(self._h, whole("number", number, 32), c.byref(camera))
         return Camera._from_c(camera)
 
     def placement(self, up: UpAxis = UpAxis.UNKNOWN, metres_per_unit: float = 0) -> tuple[Array, PlacementFlags]:
@@ -115,7 +115,8 @@ class Model(Handle):
         metres_per_unit: length of a unit of the world, e.g. 0.001 for millimetres. 0: the model is not scaled.
         """
         columns, flags = (c.c_double * 12)(), c.c_uint32()
-        lib.oc_model_get_placement(self._h, whole("up", up, 32), metres_per_unit, columns, c.byref(flags))
+        lib.oc_model_get_placement(self._h, whole("up", up, 32), real("metres_per_unit", metres_per_unit), columns,
+                                   c.byref(flags))
         matrix = numpy.eye(4)
         matrix[:3] = numpy.reshape(columns, (4, 3)).T
         return matrix, PlacementFlags(flags.value)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes as c
-from typing import Any, Callable
+from typing import Any, Callable, Union
 
 import numpy
 from numpy.typing import ArrayLike, NDArray
@@ -11,15 +11,20 @@ from numpy.typing import ArrayLike, NDArray
 from . import _abi, _values
 from ._arrays import (
     CROSSING, HIT, OVERLAP, PART_AT, PLANE, RAY, TRIANGLE, Array, address, elements, floats, given, rays, stride_of,
-    vectors,
+    structs, vectors,
 )
 from ._enums import HitKind, QueryFlags, Want
+from ._errors import ArgumentError
 from ._handles import Handle, made
-from ._jobs import Job
+from ._jobs import Job, release_job
 from ._library import lib
-from ._ragged import Ragged, gather, tolerate_small
-from ._value import Vector, numbers, whole
+from ._ragged import CHUNK, Ragged, gather, tolerate_small
+from ._value import Vector, numbers, real, whole
 from ._values import Camera, Progress
+
+
+Rays = Union[ArrayLike, Array, _values.Ray, "list[_values.Ray]"]
+"""Origins, which need directions; or whole rays."""
 
 
 class Hit(_values.Hit):
@@ -32,14 +37,14 @@ class Hit(_values.Hit):
 class _Batch:
     """A checked batch: the arrays, and the struct that points to them."""
 
-    def __init__(self, origins: ArrayLike | Array, directions: ArrayLike | None, want: Want, coherent: bool, now: bool,
+    def __init__(self, origins: Rays, directions: ArrayLike | None, want: Want, coherent: bool, now: bool,
                  options: dict[str, Any]) -> None:
         if directions is not None:
-            self.rays = rays(origins, directions, **options)
+            self.rays = rays(origins, directions, **options)  # type: ignore[arg-type] # a Ray is refused there
         elif options:
             raise TypeError(f"{', '.join(options)}: members of the ray array; give directions, or set them there")
         else:
-            self.rays = elements("rays", origins, RAY, "RAY")
+            self.rays = structs("rays", origins, RAY, "RAY", _abi.oc_ray)
         flags = (QueryFlags.COHERENT if coherent else 0) | (QueryFlags.NOW if now else 0)
         self.struct = _abi.oc_query(want=whole("want", want, 32), flags=flags, count=self.rays.size,
                                     rays=address(self.rays), stride=stride_of("rays", self.rays))
@@ -57,15 +62,22 @@ class _Batch:
         return out
 
 
+class _Prefetch(Job[Progress]):
+    """Reading ahead."""
+
+    _release = release_job
+
+
 class Queries(Handle):
     """The queries of a scene. They see its committed state."""
 
-    def closest(self, origins: ArrayLike | Array, directions: ArrayLike | None = None, *, want: Want = Want.ALL,
+    def closest(self, origins: Rays, directions: ArrayLike | None = None, *, want: Want = Want.ALL,
                 coherent: bool = False, now: bool = False, out: Array | None = None, **members: Any) -> Array:
         """Returns the closest hit of each ray, as an array of dtype HIT and of the shape of the rays.
 
         origins, directions: (N, 3) or (..., 3) arrays; one of them may be a single vector. `members` are those of
-            `rays`: t_min, t_max, cone_a, cone_b, mask. Or only an array of dtype RAY, which is read in place.
+            `rays`: t_min, t_max, cone_a, cone_b, mask. Or only an array of dtype RAY, which is read in place, or a
+            `Ray`, e.g. of `camera_ray`, or a list of these.
         want: members of the hits to compute. Fewer take less time.
         coherent: a hint that each 32 successive rays start near each other and have similar directions.
         now: answer at once from the data in memory.
@@ -76,7 +88,7 @@ class Queries(Handle):
         return self.closest_start(origins, directions, want=want, coherent=coherent, now=now, out=out,
                                   **members).result()
 
-    def closest_start(self, origins: ArrayLike | Array, directions: ArrayLike | None = None, *, want: Want = Want.ALL,
+    def closest_start(self, origins: Rays, directions: ArrayLike | None = None, *, want: Want = Want.ALL,
                       coherent: bool = False, now: bool = False, out: Array | None = None,
                       **members: Any) -> Job[Array]:
         """Begins `closest` in the background. The result of the job are the hits.
@@ -87,12 +99,12 @@ class Queries(Handle):
         hits = batch.output("out", out, HIT, "HIT")
         return self._start(lib.oc_scene_closest_start, batch, hits, hits)
 
-    def any(self, origins: ArrayLike | Array, directions: ArrayLike | None = None, *, coherent: bool = False,
+    def any(self, origins: Rays, directions: ArrayLike | None = None, *, coherent: bool = False,
             now: bool = False, out: Array | None = None, **members: Any) -> NDArray[numpy.bool_]:
         """Returns for each ray whether it hits anything. Faster than `closest`. Arguments as there."""
         return self.any_start(origins, directions, coherent=coherent, now=now, out=out, **members).result()
 
-    def any_start(self, origins: ArrayLike | Array, directions: ArrayLike | None = None, *, coherent: bool = False,
+    def any_start(self, origins: Rays, directions: ArrayLike | None = None, *, coherent: bool = False,
                   now: bool = False, out: Array | None = None, **members: Any) -> Job[NDArray[numpy.bool_]]:
         """Begins `any` in the background. The result of the job are the answers."""
         batch = _Batch(origins, directions, Want.ALL, coherent, now, members)
@@ -119,27 +131,38 @@ class Queries(Handle):
     def any_one(self, origin: Vector, direction: Vector, *, t_min: float = 0.0, t_max: float = float("inf"),
                 now: bool = False) -> bool:
         """Returns whether one ray hits anything between t_min and t_max, e.g. whether one point sees another."""
-        ray = _abi.oc_ray(numbers("origin", origin, c.c_double, 3), t_min, t_max,
+        ray = _abi.oc_ray(numbers("origin", origin, c.c_double, 3), real("t_min", t_min), real("t_max", t_max),
                           numbers("direction", direction, c.c_float, 3), 0.0, 0.0, 0xFFFFFFFF)
         query = _abi.oc_query(flags=QueryFlags.NOW if now else 0, count=1, rays=c.addressof(ray))
         answer = c.c_uint8()
         lib.oc_scene_any(self._h, c.byref(query), c.byref(answer), 0)
         return bool(answer.value)
 
-    def triangles(self, hits: ArrayLike | Array) -> Array:
-        """Returns the triangles of hits (dtype HIT, of `closest`) in world space, as an array of dtype TRIANGLE.
+    def triangles(self, hits: Array | Hit | list[Hit]) -> Array:
+        """Returns the triangles of hits in world space, as an array of dtype TRIANGLE.
+
+        hits: an array of dtype HIT, of `closest`; or a Hit, of a pick, which counts as an array of one.
 
         The hits must be exact and have position, part, instance and prim.
 
         Raises:
             ArgumentError: a hit is none of this scene's.
         """
-        array = elements("hits", hits, HIT, "HIT")
+        array = structs("hits", hits, HIT, "HIT", _abi.oc_hit)
         found = numpy.empty(array.shape, TRIANGLE)
-        lib.oc_scene_triangles(self._h, address(array), array.size, stride_of("hits", array), address(found))
+        stride, memory = stride_of("hits", array), address(found)
+        for first in range(0, array.size, CHUNK):
+            count = min(CHUNK, array.size - first)
+            try:
+                lib.oc_scene_triangles(self._h, address(array) + first * stride, count, stride,
+                                       memory + first * TRIANGLE.itemsize)
+            except ArgumentError as error:
+                if first:
+                    raise ArgumentError(f"of the hits from {first} on: {error}", error.status) from None
+                raise
         return found
 
-    def crossings(self, origins: ArrayLike | Array, directions: ArrayLike | None = None, *, coherent: bool = False,
+    def crossings(self, origins: Rays, directions: ArrayLike | None = None, *, coherent: bool = False,
                   now: bool = False, **members: Any) -> Ragged:
         """Returns all surfaces that each ray crosses, nearest first, coincident ones too.
 
@@ -177,14 +200,19 @@ class Queries(Handle):
 
         return gather(call, len(array), PART_AT)
 
-    def thickness(self, hits: Array) -> NDArray[numpy.float64]:
-        """Returns how thick the parts are at hits of `closest`: the distance straight into the part to its other side.
+    def thickness(self, hits: Array | Hit | list[Hit]) -> NDArray[numpy.float64]:
+        """Returns how thick the parts are at hits: the distance straight into the part to its other side.
+
+        hits: an array of dtype HIT, of `closest`; or a Hit, of a pick, which counts as an array of one.
 
         Infinite for a miss, and where there is no other side.
         """
-        elements("hits", hits, HIT, "HIT")
-        distances = numpy.empty(hits.shape, numpy.float64)
-        lib.oc_scene_thickness(self._h, address(hits), hits.size, stride_of("hits", hits), address(distances), 0)
+        array = structs("hits", hits, HIT, "HIT", _abi.oc_hit)
+        distances = numpy.empty(array.shape, numpy.float64)
+        stride, memory = stride_of("hits", array), address(distances)
+        for first in range(0, array.size, CHUNK):
+            lib.oc_scene_thickness(self._h, address(array) + first * stride, min(CHUNK, array.size - first), stride,
+                                   memory + first * distances.itemsize, 0)
         return distances
 
     def overlap_box(self, low: Vector, high: Vector) -> Array:
@@ -224,11 +252,11 @@ class Queries(Handle):
         cell: length in world units. Only blocks below longer cells are read. 0: all blocks of geometry.
         """
         job = made(lib.oc_scene_prefetch_box, self._h, numbers("low", low, c.c_double, 3),
-                   numbers("high", high, c.c_double, 3), cell)
-        return Job(job, self._h, lambda _job, progress: progress)
+                   numbers("high", high, c.c_double, 3), real("cell", cell))
+        return _Prefetch(job, self._h, lambda _job, progress: progress)
 
     def prefetch_camera(self, camera: Camera, width: int, height: int, poe: float = 0.0) -> Job[Progress]:
         """Begins to read the blocks that a picture would need, in the background, e.g. for the next view."""
         job = made(lib.oc_scene_prefetch_camera, self._h, c.byref(camera._to_c()), whole("width", width, 32),
-                   whole("height", height, 32), poe)
-        return Job(job, self._h, lambda _job, progress: progress)
+                   whole("height", height, 32), real("poe", poe))
+        return _Prefetch(job, self._h, lambda _job, progress: progress)

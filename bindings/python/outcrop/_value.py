@@ -44,6 +44,11 @@ def whole(name: str, value: Any, bits: int = 64) -> int:
     return int(_number(name, value, c.c_uint64 if bits == 64 else c.c_uint32))
 
 
+def real(name: str, value: Any) -> float:
+    """Returns a number. ctypes itself would not name what is wrong."""
+    return float(_number(name, value, c.c_double))
+
+
 def numbers(name: str, values: Any, kind: Any, length: int) -> Any:
     """Returns a C array of `length` numbers. `name` is that of the argument, for the message of an error."""
     if numpy.shape(values) != (length,):

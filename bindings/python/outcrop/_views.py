@@ -9,7 +9,7 @@ import numpy
 from . import _abi
 from ._arrays import PLANE, Array, address
 from ._library import lib
-from ._value import whole
+from ._value import real, whole
 from ._values import Camera, Ray
 
 
@@ -19,8 +19,8 @@ def camera_ray(camera: Camera, width: int, height: int, x: float, y: float) -> R
     x, y: pixels from the top left corner; fractions are allowed. The centre of pixel (i, j) is (i + 0.5, j + 0.5).
     """
     ray = _abi.oc_ray()
-    lib.oc_camera_ray(c.byref(camera._to_c()), whole("width", width, 32), whole("height", height, 32), x, y,
-                      c.byref(ray))
+    lib.oc_camera_ray(c.byref(camera._to_c()), whole("width", width, 32), whole("height", height, 32),
+                      real("x", x), real("y", y), c.byref(ray))
     return Ray._from_c(ray)
 
 
@@ -32,6 +32,6 @@ def camera_frustum(camera: Camera, width: int, height: int, x0: float, y0: float
     x0, y0, x1, y1: two opposite corners, in pixels from the top left corner.
     """
     planes = numpy.empty(5, PLANE)
-    lib.oc_camera_frustum(c.byref(camera._to_c()), whole("width", width, 32), whole("height", height, 32), x0, y0, x1,
-                          y1, address(planes))
+    lib.oc_camera_frustum(c.byref(camera._to_c()), whole("width", width, 32), whole("height", height, 32),
+                          real("x0", x0), real("y0", y0), real("x1", x1), real("y1", y1), address(planes))
     return planes

@@ -146,6 +146,8 @@ def test_trimesh(context: outcrop.Context, tmp_path: Path) -> None:
     trimesh = need("trimesh")
     ball, cube = trimesh.creation.icosphere(3, 2.0), trimesh.creation.box((1, 1, 1))
     cube.visual.face_colors = [255, 0, 0, 255]
+    paint = trimesh.visual.material.PBRMaterial(baseColorFactor=[0, 51, 255, 255])
+    ball.visual = trimesh.visual.TextureVisuals(material=paint)
     whole = trimesh.Scene()
     whole.add_geometry(ball, node_name="ball", transform=trimesh.transformations.translation_matrix((10, 0, 0)))
     whole.add_geometry(cube, node_name="cube 1", geom_name="cube")
@@ -156,6 +158,8 @@ def test_trimesh(context: outcrop.Context, tmp_path: Path) -> None:
     with context.open(tmp_path / "a.oc") as model, context.scene(model) as scene:
         by_name = {part.name: part.id for part in model.parts}
         assert set(by_name) == {"ball", "cube 1", "cube 2"}
+        # Factors of materials are linear, as in the glTF file.
+        assert model.part(by_name["ball"]).colour == pytest.approx((0, 0.2, 1, 1))
         hits = scene.closest([(10, 0, 9), (0, 0, 9), (0, 10, 9)], (0, 0, -1))
         assert hits["part"].tolist() == [by_name["ball"], by_name["cube 1"], by_name["cube 2"]]
         assert numpy.allclose(hits["position"][:, 2], [2, 0.5, 0.5], atol=0.01)
@@ -163,6 +167,24 @@ def test_trimesh(context: outcrop.Context, tmp_path: Path) -> None:
     assert list(names(context, tmp_path / "b.oc").values()) == ["one", "two"]
     with context.open(tmp_path / "b.oc") as model:
         assert model.info.has_colours == 1
+
+
+class Cube:
+    """What pyvista.Cube() has: a point of three faces has the mean of their normals."""
+
+    points = numpy.array([(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+    faces = numpy.array([[3, *corners] for a, b, c, d in [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6),
+                                                          (0, 2, 6, 4), (1, 5, 7, 3)]
+                         for corners in [(a, b, c), (a, c, d)]]).ravel()
+    point_data = {"Normals": points / numpy.sqrt(3)}
+    is_all_triangles = True
+
+
+def test_edges_of_pyvista_objects_stay_edges(context: outcrop.Context, tmp_path: Path) -> None:
+    context.build(tmp_path / "a.oc", Cube())
+    with context.open(tmp_path / "a.oc") as model, context.scene(model) as scene:
+        hit = scene.closest([(0.9, 0.8, 9)], (0, 0, -1), want=outcrop.Want.ALL | outcrop.Want.SHADING_NORMAL)[0]
+        assert hit["shading_normal"] == pytest.approx((0, 0, 1))
 
 
 def test_pyvista(context: outcrop.Context, tmp_path: Path) -> None:

@@ -96,6 +96,17 @@ def test_a_budget_that_is_too_small_says_so(path: Path) -> None:
     assert caught.value.status == outcrop.Status.OVER_BUDGET and caught.value.need > 1 << 20
 
 
+def test_numbers_of_other_types_are_named(path: Path) -> None:
+    with outcrop.Context(threads=1) as context, context.open(path) as model:
+        for call in (model.find_part, model.part, model.triangles):
+            with pytest.raises(TypeError, match="part must be an integer, not '7'"):
+                call("7")  # type: ignore[arg-type]
+        with pytest.raises(TypeError, match="number must be an integer"):
+            model.view(1.5)  # type: ignore[arg-type]
+        with pytest.raises(TypeError, match="x must be a number, not 'a'"):
+            outcrop.camera_ray(model.view(), 8, 8, "a", 0)  # type: ignore[arg-type]
+
+
 def test_triangles_come_back(context: outcrop.Context, path: Path) -> None:
     with context.open(path) as model:
         triangles = model.triangles(7)

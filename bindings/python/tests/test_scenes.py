@@ -144,6 +144,9 @@ def test_crossings_and_points_inside(three: outcrop.Scene) -> None:
     hits = three.closest(along)
     thick = three.thickness(hits)
     assert numpy.isinf(thick[1]) and 0 < thick[0] < 1
+    one = three.closest_one(along["origin"][0], along["direction"][0])
+    assert three.thickness(one) == thick[:1] and three.thickness([one, one]).shape == (2,)
+    assert three.triangles(one)["prim"] == hits["prim"][:1]
     with pytest.raises(TypeError, match="hits: expected an array of dtype outcrop.HIT"):
         three.thickness(thick)
 

@@ -36,6 +36,10 @@ def test_rectangles_select_parts_that_fit_again(three: outcrop.Scene) -> None:
     assert three.fit(fit, chosen) == three.fit(fit, [1]) != camera
     ray = outcrop.camera_ray(camera, 80, 60, 40, 30)
     assert ray.origin == tuple(camera.eye) and ray.direction == pytest.approx((0, 1, 0)) and ray.cone_b > 0
+    by_numbers = three.closest(numpy.array([ray.origin]), numpy.array([ray.direction]), cone_b=ray.cone_b)
+    assert numpy.array_equal(three.closest(ray), by_numbers) and three.closest([ray, ray]).shape == (2,)
+    assert three.any(ray).tolist() == [by_numbers["kind"][0] != outcrop.HitKind.MISS]
+    assert len(three.crossings(ray)) == 1
     with pytest.raises(outcrop.StateError):
         with three.edit():
             three.set_look(1, hidden=True)

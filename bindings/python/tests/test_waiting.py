@@ -242,6 +242,42 @@ time.sleep(0.1)
     assert done.returncode == 0 and done.stderr == "late", done
 
 
+def test_a_job_released_while_it_runs_does_not_end_the_process(tmp_path: Path) -> None:
+    # Its thread called the wake function while the interpreter ended, which aborts the process.
+    code = """
+import numpy, outcrop
+context = outcrop.Context(threads=1)
+corners = numpy.random.default_rng(1).random((900_000, 3))
+job = context.build_start("a.oc", outcrop.Mesh(corners))
+job.on_end(list)
+job.close()
+"""
+    environment = {"PYTHONPATH": str(PACKAGE), "OUTCROP_LIBRARY": outcrop.library_path}
+    for _ in range(4):
+        done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, timeout=60, text=True, capture_output=True,
+                              env=environment)
+        assert done.returncode == 0 and not done.stderr, done
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_ctrl_c_ends_thickness_and_triangles(context: outcrop.Context, three: outcrop.Scene) -> None:
+    hits = three.closest(outcrop.rays(numpy.full((1_500_000, 3), (-5, 0.1, 0.2)), (1, 0, 0)))
+    whole = three.thickness(hits[:200_000])
+    assert (whole == whole[0]).all() and (three.triangles(hits[:200_000])["prim"] == hits["prim"][0]).all()
+    hits["part"][150_000] = 77
+    with pytest.raises(outcrop.ArgumentError, match="of the hits from 131072 on: .*hit 4"):
+        three.triangles(hits[:200_000])
+    hits["part"][150_000] = hits["part"][0]
+    for call in (three.thickness, three.triangles):
+        timer = interrupt(0.2)
+        began = time.monotonic()
+        with pytest.raises(KeyboardInterrupt):
+            call(hits)
+        took = time.monotonic() - began
+        timer.join()
+        assert took < 2
+
+
 def test_order_of_releases_is_free(tmp_path: Path, camera: outcrop.Camera) -> None:
     context = outcrop.Context(threads=1)
     context.build(tmp_path / "a.oc", outcrop.Mesh(TETRA, TETRA_FACES))

@@ -9,7 +9,7 @@ use outcrop::base::scratch::{Scratch, ScratchSpace};
 use outcrop::query::StoredTriangle;
 use outcrop::scene::{Context, ContextOptions, Model};
 use serde_json::json;
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 use std::path::PathBuf;
 
 /// Write the triangles of parts of a model as a binary PLY file
@@ -21,9 +21,12 @@ pub struct Args {
     /// The model file
     #[arg(value_name = "MODEL.oc")]
     model: PathBuf,
-    /// The ids of the parts, without those below them. Default: all parts
+    /// The ids of the parts, without those below them unless --below is given. Default: all parts
     #[arg(long = "part", value_name = "ID,...", value_delimiter = ',')]
     parts: Vec<u64>,
+    /// The parts below those of --part too, e.g. those of an assembly, which has no triangles of its own
+    #[arg(long)]
+    below: bool,
     /// The file to write: a regular file or a new one, and not the model
     #[arg(short, long, value_name = "OUT.ply")]
     output: PathBuf,
@@ -41,7 +44,7 @@ pub fn run(args: &Args) -> Outcome {
     let cancel = common::cancel_on_ctrl_c();
     let options = ContextOptions { memory_budget: args.memory, read_ahead: false, ..ContextOptions::default() };
     let model = Model::open(&Context::new(options)?, &args.model)?;
-    let parts = indices(&model, &args.parts)?;
+    let parts = indices(&model, &args.parts, args.below)?;
     let total: u64 = parts.iter().filter_map(|part| model.parts().get(*part as usize)).map(|part| part.triangles).sum();
     let bar = common::progress_bar(total);
     let mut ply = Ply::create(&args.output, parts.len() > 1)?;
@@ -64,21 +67,24 @@ pub fn run(args: &Args) -> Outcome {
         "{file}: {}, {}, {}",
         common::counted(parts.len() as u64, "part"),
         common::counted(triangles, "triangle"),
-        common::counted(vertices, "vertex")
+        if vertices == 1 { "1 vertex".into() } else { format!("{vertices} vertices") }
     );
     to.report(args.json, &value, &text)
 }
 
-/// Indices of the parts with these ids; of all parts if there are none.
-fn indices(model: &Model, ids: &[u64]) -> Result<Vec<u32>, Failure> {
+/// Indices of the parts with these ids, each once, and of those below them; of all parts if there are no ids.
+fn indices(model: &Model, ids: &[u64], below: bool) -> Result<Vec<u32>, Failure> {
     let refuse = |why: String| Failure::Failed(Error::BadArgument(why));
     let index =
         |&id: &u64| model.part_index(id).ok_or_else(|| refuse(format!("--part: the model has no part with id {id}")));
-    let indices: Vec<u32> = if ids.is_empty() {
-        (0..model.info().parts).collect()
-    } else {
-        ids.iter().map(index).collect::<Result<_, _>>()?
-    };
+    let named: BTreeSet<u32> = ids.iter().map(index).collect::<Result<_, _>>()?;
+    let mut chosen = vec![ids.is_empty(); model.info().parts as usize];
+    // A parent comes before its children.
+    for (i, part) in model.parts().iter().enumerate() {
+        chosen[i] |=
+            named.contains(&(i as u32)) || (below && part.parent.is_some_and(|parent| chosen[parent as usize]));
+    }
+    let indices: Vec<u32> = (0..model.info().parts).filter(|&i| chosen[i as usize]).collect();
     // PLY has integers of 32 bits at most.
     let id = |part: &u32| model.parts().id(*part as usize).filter(|id| *id > u32::MAX.into());
     match indices.iter().find_map(id).filter(|_| indices.len() > 1) {

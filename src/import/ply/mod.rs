@@ -5,7 +5,7 @@
 //!
 //! - Faces are lists `vertex_indices` or `vertex_index`, converted to fans around the first corner; `tristrips` are
 //!   read too.
-//! - Vertex colours are averaged over each triangle in linear light. A colour of the face takes precedence. Integer
+//! - Vertex colours are interpolated in linear light. A colour of the face takes precedence. Integer
 //!   channels span the range of their type, floats [0, 1]; both are taken as sRGB-coded.
 //! - An integer face property `part` (or `part_id`) refers to parts: to the table that the generators of this crate
 //!   write into comments (`table.rs`), else to parts with that id below the file's own part.
