@@ -141,7 +141,10 @@ fn crossings(path: &Path) {
         // The blocks come at the first time.
         for time in 0..2 {
             let ((), most) = counting::most(|| {
-                scene.state().crossings(&rays, Policy::Exact, &mut |_, crossings, _| found += crossings.len()).unwrap();
+                scene
+                    .state()
+                    .crossings(&&rays[..], Policy::Exact, &mut |_, crossings, _| found += crossings.len())
+                    .unwrap();
             });
             let bound = (8 << 20) + budget as usize / 4;
             println!("{} rays with {SHEETS} crossings take {most} bytes of {bound}", rays.len());
