@@ -16,7 +16,7 @@ use crate::store::contents::Kind;
 use crate::store::directory::Row;
 use crate::store::{FileSource, Header, InstanceRow, ModelFile, Outline, Part, PartRow, PartSets, Source, TreeRow};
 use crate::structure::open::{self, Opened, StoredTree};
-use crate::structure::{Tree, Visit};
+use crate::structure::{Forms, Tree, Visit};
 use glam::{DAffine3, DMat3, DVec3};
 use std::ops::Deref;
 use std::path::Path;
@@ -128,6 +128,8 @@ pub struct ModelMemory {
     pub resident: u64,
     /// All geometry blocks in trace form (nodes and triangles).
     pub geometry: u64,
+    /// The form for exact rays, in addition to the blocks; 0 if there is none.
+    pub resident_form: u64,
     /// Directory, parts and other tables.
     pub tables: u64,
 }
@@ -263,7 +265,12 @@ impl Model {
     /// Bytes that it holds in memory now.
     pub fn memory(&self) -> ModelMemory {
         let blocks = &self.0.blocks;
-        ModelMemory { resident: blocks.resident_bytes(), geometry: self.0.geometry_bytes, tables: blocks.table_bytes() }
+        ModelMemory {
+            resident: blocks.resident_bytes(),
+            geometry: self.0.geometry_bytes,
+            resident_form: blocks.companion_bytes(),
+            tables: blocks.table_bytes(),
+        }
     }
 
     /// Reads all of its geometry into memory, with all workers of the context. Returns false if the budget does not
@@ -279,6 +286,25 @@ impl Model {
             blocks.completed();
         }
         Ok(is_all)
+    }
+
+    /// Makes the form for exact rays of all trees, if all geometry is in memory and the budget has room beside it. The
+    /// form is given back when the room is needed. Returns false if it was not made. Fails with `NoMemory`.
+    pub fn make_resident(&self) -> Result<bool> {
+        let (blocks, there) = (&self.0.blocks, self.0.blocks.snapshot());
+        if there.companion::<Forms>().is_some() {
+            return Ok(true);
+        }
+        let mut room = None;
+        let take = |bytes: u64| {
+            room = blocks.companion_room(bytes);
+            room.is_some()
+        };
+        let forms = open::resident_forms(&self.0.trees, &there, take)?;
+        drop(there);
+        let (Some(forms), Some(room)) = (forms, room) else { return Ok(false) };
+        debug_assert!(forms.bytes() <= room.bytes() + 4096);
+        Ok(blocks.put_companion(Box::new(forms), room))
     }
 
     /// Reads, decodes and validates all of its geometry and the links between its blocks, and compares the parts of

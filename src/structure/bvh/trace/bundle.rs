@@ -14,12 +14,13 @@ use super::hit::Counters;
 use super::kernel::Here;
 use super::packet::{PacketEntry, PacketWalk, Row, VECTORS, at_mut};
 use super::packet_prepare::Common;
-use super::packet_visit::{self, Boxes, farthest, intervals};
+use super::packet_visit::{self, Boxes, intervals};
 use super::walk::{Entered, push_sorted};
 use super::{PartFilter, TreeView};
 use crate::math::BUNDLE;
 use crate::simd::{Lanes, Mask, Op, Simd, dispatch};
 use crate::structure::bvh::layout::{Block, Child};
+use crate::structure::packet_boxes::farthest;
 
 /// Greatest number of packets that a node is left to: the first value where leaves are wide, the second where they are
 /// not. (Instructions for a pixel at 10 million triangles, exact, of a near view and of a view of the whole model: 429
