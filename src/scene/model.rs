@@ -3,6 +3,7 @@
 use super::camera::{Camera, FOV_Y, axes, default_directions, default_views};
 use super::context::{Context, LogLevel};
 use super::fit::{Fit, Lens, MARGIN, fit_model};
+use super::forms::{FormState, SMALL};
 use super::part_check::PartCheck;
 use crate::base::error::{Error, Result};
 use crate::base::ids::BlockId;
@@ -148,6 +149,7 @@ struct Inner {
     geometry_bytes: u64,
     /// The parts of blocks, once they were needed.
     part_sets: Mutex<Option<Arc<KeptSets>>>,
+    form: FormState,
 }
 
 /// The parts of blocks, and the charge for their memory.
@@ -238,8 +240,14 @@ impl Model {
         let see_through = file.parts().iter().any(|part| is_transparent(part.material));
         let info = info_of(&file, &header);
         let context = context.clone();
-        let part_sets = Mutex::default();
-        Ok(Self(Arc::new(Inner { context, info, see_through, trees, blocks, geometry_bytes, part_sets })))
+        let (part_sets, form) = (Mutex::default(), FormState::default());
+        let model =
+            Self(Arc::new(Inner { context, info, see_through, trees, blocks, geometry_bytes, part_sets, form }));
+        if all && model.info().triangles_stored <= SMALL && model.is_whole() {
+            model.blocks().completed();
+            model.begin_form();
+        }
+        Ok(model)
     }
 
     /// The context in which it was opened.
@@ -280,12 +288,23 @@ impl Model {
         let blocks = &self.0.blocks;
         let all: Vec<BlockId> = (0..self.0.info.geometry_blocks).map(BlockId).collect();
         blocks.fill(&all, self.0.context.pool(), &Progress::default(), cancel)?;
-        let there = blocks.snapshot();
-        let is_all = all.iter().all(|&id| there.block(id).is_some());
+        let is_all = self.is_whole();
         if is_all {
             blocks.completed();
+            self.begin_form();
         }
         Ok(is_all)
+    }
+
+    /// True if all geometry is in memory.
+    fn is_whole(&self) -> bool {
+        let there = self.0.blocks.snapshot();
+        (0..self.0.info.geometry_blocks).all(|id| there.block(BlockId(id)).is_some())
+    }
+
+    /// The state of the form for exact rays.
+    pub(super) fn form_state(&self) -> &FormState {
+        &self.0.form
     }
 
     /// Makes the form for exact rays of all trees, if all geometry is in memory and the budget has room beside it. The

@@ -227,10 +227,8 @@ impl Simd for Portable {
     }
     #[inline(always)]
     fn pack8(self, t: Array<8>, keep: u32, child: &[u32; 8], t_out: &mut [f32; 8], child_out: &mut [u32; 8]) {
-        let mut count = 0;
-        for i in (0..8).filter(|i| keep >> i & 1 == 1) {
-            (t_out[count], child_out[count]) = (t.0[i], child[i]);
-            count += 1;
+        for (to, from) in (0..8).filter(|i| keep >> i & 1 == 1).enumerate() {
+            (t_out[to], child_out[to]) = (t.0[from], child[from]);
         }
     }
     #[inline(always)]

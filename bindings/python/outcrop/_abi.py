@@ -179,7 +179,7 @@ class oc_model_info(Sized):
         ("triangles_stored", c.c_uint64), ("triangles_placed", c.c_uint64), ("file_bytes", c.c_uint64),
         ("geometry_bytes", c.c_uint64), ("resident_bytes", c.c_uint64), ("parts", c.c_uint32),
         ("instances", c.c_uint32), ("blocks", c.c_uint32), ("has_colours", c.c_uint32), ("has_normals", c.c_uint32),
-        ("reserved", c.c_uint32),
+        ("reserved", c.c_uint32), ("fast_form_bytes", c.c_uint64),
     ]
 
 

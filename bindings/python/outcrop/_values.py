@@ -272,6 +272,10 @@ class ModelInfo(Value):
     """1: triangles may have colours of their own. 0: they have the colours of their parts."""
     has_normals: int = 0
     """1: triangles may have normals at their corners that make them appear smooth. 0: each has only its own."""
+    fast_form_bytes: int = 0
+    """Bytes of the form for exact rays, in addition to `resident_bytes`. 0: there is none now. See
+    ContextFlags.COMPACT.
+    """
 
 
 @dataclass
