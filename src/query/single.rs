@@ -36,8 +36,7 @@ pub(super) fn answer(scene: &SceneState, task: Task, rays: &dyn Rays, hits: &dyn
     scene.context().pool().here(|| {
         // The thread-local is gone while the thread ends.
         let kept = KEPT.try_with(Cell::take).ok().flatten();
-        let mut kept =
-            kept.unwrap_or_else(|| Box::new(Kept::default()));
+        let mut kept = kept.unwrap_or_else(|| Box::new(Kept::default()));
         let Kept { walk, snapshots, seen } = &mut *kept;
         snapshots.lend(scene);
         // A new stamp would be written to every block that the rays visit.
@@ -60,13 +59,7 @@ pub(super) fn answer(scene: &SceneState, task: Task, rays: &dyn Rays, hits: &dyn
 }
 
 /// Answers one ray; returns false if a block is missing or the ray needs a second walk.
-fn one(
-    view: &SceneView,
-    task: Task,
-    ray: &Ray,
-    (walk, seen): (&mut SceneWalk, &mut Seen<1>),
-    hit: &mut Hit,
-) -> bool {
+fn one(view: &SceneView, task: Task, ray: &Ray, (walk, seen): (&mut SceneWalk, &mut Seen<1>), hit: &mut Hit) -> bool {
     walk.begin(view, ray);
     if trace(view, task, ray, walk) != Step::Done {
         return false;

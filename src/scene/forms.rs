@@ -6,7 +6,7 @@
 //! the room, the form goes first, and is not made again within [`PAUSE`].
 
 use super::context::LogLevel;
-use super::model::Model;
+use super::model::{Model, WeakModel};
 use crate::base::error::Result;
 use crate::base::tasks::Work;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
@@ -50,15 +50,17 @@ impl FormState {
     }
 }
 
-struct MakeForm(Model);
+/// The pool belongs to the context, and the model keeps the context: a job that waits must not keep the model.
+struct MakeForm(WeakModel);
 
 impl Work for MakeForm {
     fn run(&self, _: usize) -> Result<()> {
-        let made = self.0.make_resident();
-        self.0.form_state().is_being_made.store(false, Relaxed);
+        let Some(model) = self.0.upgrade() else { return Ok(()) };
+        let made = model.make_resident();
+        model.form_state().is_being_made.store(false, Relaxed);
         if let Err(why) = made {
             // The blocks serve all rays.
-            self.0.context().log(LogLevel::Info, &format!("{}: {why}", self.0.info().name));
+            model.context().log(LogLevel::Info, &format!("{}: {why}", model.info().name));
         }
         Ok(())
     }
@@ -83,7 +85,7 @@ impl Model {
             && state.may_try()
             && !state.is_being_made.swap(true, Relaxed);
         if may {
-            let _ = self.context().pool().submit(1, Arc::new(MakeForm(self.clone())));
+            let _ = self.context().pool().submit(1, Arc::new(MakeForm(self.downgrade())));
         }
     }
 }

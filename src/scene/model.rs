@@ -21,7 +21,7 @@ use crate::structure::{Forms, Tree, Visit};
 use glam::{DAffine3, DMat3, DVec3};
 use std::ops::Deref;
 use std::path::Path;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError, Weak};
 
 /// A part of a model, as stored.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -138,6 +138,16 @@ pub struct ModelMemory {
 /// An opened model; cloning is cheap and gives the same model. Thread-safe.
 #[derive(Clone)]
 pub struct Model(Arc<Inner>);
+
+/// A model that may be gone.
+pub(super) struct WeakModel(Weak<Inner>);
+
+impl WeakModel {
+    /// The model, if it is in use.
+    pub fn upgrade(&self) -> Option<Model> {
+        self.0.upgrade().map(Model)
+    }
+}
 
 struct Inner {
     context: Context,
@@ -400,6 +410,11 @@ impl Model {
     /// True if a part is transparent.
     pub(crate) fn see_through(&self) -> bool {
         self.0.see_through
+    }
+
+    /// The model without keeping it.
+    pub(super) fn downgrade(&self) -> WeakModel {
+        WeakModel(Arc::downgrade(&self.0))
     }
 
     /// True if both are the same opened model.
