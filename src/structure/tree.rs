@@ -93,6 +93,14 @@ impl<'a> Tree<'a> {
         Self { blocks, resident }
     }
 
+    /// The same tree with a form for exact rays.
+    pub fn with_resident<'b>(&self, form: &'b Resident) -> Tree<'b>
+    where
+        'a: 'b,
+    {
+        Tree { blocks: self.blocks, resident: Some(form) }
+    }
+
     /// Both forms, if there are both and a filter allows rays in the form for exact rays.
     #[inline(always)]
     fn both(&self, filter: Option<&PartFilter>) -> Option<Both<'_>> {

@@ -46,8 +46,8 @@ from ._values import *  # noqa: F403
 from ._views import camera_frustum, camera_ray
 
 __all__ = [
-    "ALL_THREADS", "CROSSING", "HEADER_VERSION", "HIT", "HIT_F32", "NO_ID", "NO_INDEX", "OVERLAP", "PART_AT", "PLANE", "RAY",
-    "TRIANGLE", "ArgumentError", "Build",
+    "ALL_THREADS", "CROSSING", "HEADER_VERSION", "HIT", "HIT_F32", "NO_ID", "NO_INDEX", "OVERLAP", "PART_AT", "PLANE",
+    "RAY", "TRIANGLE", "ArgumentError", "Build",
     "BuildJob", "BuildReport", "Cancelled", "Context", "Error", "Frame", "Hit", "InputError", "InternalError", "Job",
     "LimitError", "MachineError", "Mesh", "Model", "Picture", "Ragged", "Reader", "Resolver", "Scene", "StateError",
     "VersionError", "__version__", "camera_frustum", "camera_ray", "empty_hits", "library_path", "live", "rays",

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _abi, _values
 from ._arrays import (
-    CROSSING, HIT, HIT_F32, OVERLAP, PART_AT, PLANE, RAY, TRIANGLE, Array, address, elements, floats, given, rays, stride_of,
-    vectors,
+    CROSSING, HIT, HIT_F32, OVERLAP, PART_AT, PLANE, RAY, TRIANGLE, Array, address, elements, floats, given, rays,
+    stride_of, vectors,
 )
 from ._enums import HitKind, QueryFlags, Want
 from ._handles import Handle, made
@@ -135,7 +135,8 @@ class Queries(Handle):
         elif not isinstance(out, numpy.ndarray) or out.dtype != dtype:
             raise TypeError(f"out: expected an array of dtype {dtype}")
         elif out.shape != rows.shape[:-1] or not out.flags.writeable or not out.flags.c_contiguous:
-            raise ValueError(f"out: expected writeable memory without gaps of shape {rows.shape[:-1]}, not {given(out)}")
+            raise ValueError("out: expected writeable memory without gaps of shape "
+                             f"{rows.shape[:-1]}, not {given(out)}")
         flags = (QueryFlags.COHERENT if coherent else 0) | (QueryFlags.NOW if now else 0)
         count = rows.size // 8
         # In steps, so that Ctrl-C comes through.
