@@ -9,7 +9,7 @@ use outcrop::base::progress::Cancel;
 use outcrop::import::MaterialDesc;
 use outcrop::math::Ray;
 use outcrop::query::{Hit, QueryOptions, Want};
-use outcrop::render::FrameSettings;
+use outcrop::render::{FrameSettings, FrameState};
 use outcrop::scene::{Context, ContextOptions, Look, Model, Scene};
 use outcrop::simd::Isa;
 use std::path::Path;
@@ -168,7 +168,9 @@ fn pictures_are_those_of_the_blocks() {
         let bytes = [&scenes[0].0, &scenes[1].0].map(|scene| {
             let frame = frames::frame(scene.context(), 96, 64);
             let camera = frames::perspective(DVec3::new(3.0, 2.0, 5.0), DVec3::ZERO);
-            frames::render(&frame, scene, &camera, &FrameSettings { poe, samples: 2, ..Default::default() });
+            let settings = FrameSettings { poe, samples: 2, ..Default::default() };
+            frame.request(&scene.state(), &camera, &settings).expect("a request");
+            assert_eq!(frame.wait(frames::LONG).state, FrameState::Converged);
             all_bytes(&frame)
         });
         assert!(bytes[0] == bytes[1], "{poe}");

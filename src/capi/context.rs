@@ -95,8 +95,9 @@ pub type oc_context_flags = u32;
 /// Primitive ids are read only on request.
 pub const OC_CONTEXT_NO_READ_AHEAD: oc_context_flags = 1;
 /// Models only have their compact form in memory. Without this flag a model that is in memory as a whole also gets a
-/// form in which exact rays are traced faster, made in the background. It takes some 50 to 70 bytes for each triangle, as
-/// far as `memory_budget` has room, and is given back when other data needs the room. Answers and pictures are the same.
+/// form in which exact rays are traced faster, made in the background. It takes some 50 to 70 bytes for each triangle,
+/// as far as `memory_budget` has room, and is given back when other data needs the room. Answers and pictures are the
+/// same.
 pub const OC_CONTEXT_COMPACT: oc_context_flags = 2;
 
 /// Options of a context. All zeros: no threads, three quarters of the machine's memory.

@@ -66,8 +66,8 @@ pub struct oc_hit_f32 {
 pub struct oc_query_f32 {
     /// Size of this struct in bytes; OC_INIT sets it.
     pub struct_size: u32,
-    /// OC_WANT_T, OC_WANT_NORMAL, OC_WANT_UV, OC_WANT_PART, OC_WANT_INSTANCE, OC_WANT_PRIM, combined with `|`. 0: all of
-    /// these.
+    /// OC_WANT_T, OC_WANT_NORMAL, OC_WANT_UV, OC_WANT_PART, OC_WANT_INSTANCE, OC_WANT_PRIM, combined with `|`. 0: all
+    /// of these.
     pub want: oc_want,
     /// OC_QUERY_ flags, combined with `|`.
     pub flags: oc_query_flags,

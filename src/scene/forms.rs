@@ -2,8 +2,8 @@
 //! in the background, once all of the model's geometry is in memory. No call waits for it.
 //!
 //! Small models get theirs when they are opened. Larger ones get it when they are loaded whole by [`Model::load`], or
-//! after [`USES`] jobs for each million of triangles. The budget holds the form beside the blocks; when other data needs
-//! the room, the form goes first, and is not made again within [`PAUSE`].
+//! after [`USES`] jobs for each million of triangles. The budget holds the form beside the blocks; when other data
+//! needs the room, the form goes first, and is not made again within [`PAUSE`].
 
 use super::context::LogLevel;
 use super::model::{Model, WeakModel};
@@ -67,7 +67,8 @@ impl Work for MakeForm {
 }
 
 impl Model {
-    /// Starts to make the form for exact rays in the background, if it pays: for a job that is about to trace the model.
+    /// Starts to make the form for exact rays in the background, if it pays: for a job that is about to trace the
+    /// model.
     #[inline]
     pub(super) fn used(&self) {
         let state = self.form_state();

@@ -1,5 +1,5 @@
-//! Packets and boxes: tests of all rays at once, by intervals of their origins and reciprocal directions, and of sixteen
-//! rays at a time.
+//! Packets and boxes: tests of all rays at once, by intervals of their origins and reciprocal directions, and of
+//! sixteen rays at a time.
 //!
 //! Source of the interval test: Boulos, Wald, Shirley, "Geometric and Arithmetic Culling Methods for Entire Ray
 //! Packets", University of Utah UUCS-06-010, 2006, section 3.

@@ -67,8 +67,8 @@ pub(in crate::structure) fn triangle<S: Simd, const MOVED: bool>(
     intersect::<16, _>(0xffff, moved, s.splat16(0.0), s.load16(&rays.t_min[h]), s.load16(&walk.hits.t[h]))
 }
 
-/// Keeps the hits that are better than those that their rays have, like [`Ties::is_better`]. All lanes are handled at once,
-/// except for ties.
+/// Keeps the hits that are better than those that their rays have, like [`Ties::is_better`]. All lanes are handled at
+/// once, except for ties.
 #[inline(always)]
 pub(in crate::structure) fn keep_better<S: Simd, const ANY: bool>(
     s: S,

@@ -6,8 +6,8 @@ use super::ray::{MAX_DIR, MIN_DIR, abs};
 use super::stream::{GROUP, Rays16};
 use crate::simd::{Lanes, Mask, Simd};
 
-/// One prepared ray (see [`super::prepared::PreparedRay`]). One cache line holds all data of a box test, a second one the rest.
-/// The fields are words, because sixteen rays are prepared by field and then transposed.
+/// One prepared ray (see [`super::prepared::PreparedRay`]). One cache line holds all data of a box test, a second one
+/// the rest. The fields are words, because sixteen rays are prepared by field and then transposed.
 #[derive(Debug, Clone, Copy)]
 #[repr(C, align(64))]
 pub(super) struct OneRay {

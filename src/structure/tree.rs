@@ -129,7 +129,8 @@ impl<'a> Tree<'a> {
         lost == 0
     }
 
-    /// Traces the first rays of a stream in the form for exact rays, if they may. Returns false if they have no results.
+    /// Traces the first rays of a stream in the form for exact rays, if they may. Returns false if they have no
+    /// results.
     #[inline(always)]
     fn stream<const ANY: bool>(&self, filter: Option<&PartFilter>, stream: &mut Stream, hits: &mut [TriHit]) -> bool {
         let Some(both) = self.both(filter).filter(|_| stream.groups(hits.len()).iter().all(Rays16::is_exact)) else {
@@ -350,8 +351,8 @@ impl<'a> Tree<'a> {
 }
 
 impl Blocks<'_> {
-    /// Decides between hits on triangles at equal distance: true if `hit` has the lower primitive id. Fails with a block
-    /// that is needed for the ids.
+    /// Decides between hits on triangles at equal distance: true if `hit` has the lower primitive id. Fails with a
+    /// block that is needed for the ids.
     pub(super) fn precedes(&self, hit: &TriHit, best: &TriHit) -> Result<bool, BlockId> {
         match (of_each!(self, own => own.prim(hit)), of_each!(self, own => own.prim(best))) {
             (Ok(a), Ok(b)) => Ok(a < b),

@@ -15,8 +15,8 @@ pub(super) struct LeafRay<S: Simd> {
     pub k: [usize; 3],
 }
 
-/// Returns the nearest hit in a leaf up to `t_max`: lane, distance and weights. Of equal distances the lowest lane wins,
-/// which has the lowest primitive id.
+/// Returns the nearest hit in a leaf up to `t_max`: lane, distance and weights. Of equal distances the lowest lane
+/// wins, which has the lowest primitive id.
 #[inline(always)]
 pub(super) fn nearest<S: Simd>(
     s: S,

@@ -35,8 +35,8 @@ impl Both<'_> {
         packet::run::<ANY>(*self, filter, walk)
     }
 
-    /// Finds the closest or any hits of the first rays of `stream`, which are exact. Rays in [`Stream::unfinished`] have
-    /// no result, for the reasons of [`Both::single`].
+    /// Finds the closest or any hits of the first rays of `stream`, which are exact. Rays in [`Stream::unfinished`]
+    /// have no result, for the reasons of [`Both::single`].
     pub fn stream<const ANY: bool>(&self, filter: Option<&PartFilter>, stream: &mut Stream, hits: &mut [TriHit]) {
         stream::run::<ANY>(*self, filter, stream, hits);
     }

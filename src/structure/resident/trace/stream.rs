@@ -1,5 +1,5 @@
-//! Streams: many single rays, with walks that proceed side by side in phases, as in `bvh::trace::stream`. A phase is one
-//! loop over all walks at nodes, or at leaves, with few branches that could be mispredicted.
+//! Streams: many single rays, with walks that proceed side by side in phases, as in `bvh::trace::stream`. A phase is
+//! one loop over all walks at nodes, or at leaves, with few branches that could be mispredicted.
 
 use super::Both;
 use super::leaf::{LeafRay, nearest};
