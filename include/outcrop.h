@@ -698,6 +698,8 @@ typedef struct oc_model_info {
     uint32_t has_normals;
     /** Always 0. */
     uint32_t reserved;
+    /** Bytes of the form for exact rays, in addition to `resident_bytes`. 0: there is none now. See OC_CONTEXT_COMPACT. */
+    uint64_t fast_form_bytes;
 } oc_model_info;
 
 /** Flags of a part. */
@@ -874,6 +876,71 @@ typedef struct oc_hit {
      */
     float shading_normal[3];
 } oc_hit;
+
+/** A ray in single precision, in world space. */
+typedef struct oc_ray_f32 {
+    /** Start point. Not finite: the ray misses. Far from zero single precision has few digits: use oc_ray there. */
+    float origin[3];
+    /** Start of the interval, as in oc_ray. */
+    float t_min;
+    /** Direction, as in oc_ray. */
+    float direction[3];
+    /** End of the interval, as in oc_ray. 0: no end. */
+    float t_max;
+} oc_ray_f32;
+
+/** Rays in single precision as a structure of arrays: one array for each number, without gaps. */
+typedef struct oc_rays_soa {
+    /** x, y and z of the start points. */
+    const float *origin[3];
+    /** x, y and z of the directions. */
+    const float *direction[3];
+    /** Starts of the intervals. NULL: 0 for all rays. */
+    const float *t_min;
+    /** Ends of the intervals. NULL: no end for all rays. */
+    const float *t_max;
+} oc_rays_soa;
+
+/** A batch of rays in single precision. The rays are exact: they have no footprint. */
+typedef struct oc_query_f32 {
+    /** Size of this struct in bytes; OC_INIT sets it. */
+    uint32_t struct_size;
+    /**
+     * OC_WANT_T, OC_WANT_NORMAL, OC_WANT_UV, OC_WANT_PART, OC_WANT_INSTANCE, OC_WANT_PRIM, combined with `|`. 0: all of
+     * these.
+     */
+    oc_want want;
+    /** OC_QUERY_ flags, combined with `|`. */
+    oc_query_flags flags;
+    /** Must be 0. */
+    uint32_t reserved;
+    /** The rays, or NULL. Nothing may write to them until the call has returned. */
+    const struct oc_ray_f32 *rays;
+    /** The rays as a structure of arrays, or NULL. One of both must be given. */
+    const struct oc_rays_soa *columns;
+    /** Number of rays. */
+    uint64_t count;
+    /** Bytes from one of `rays` to the next. 0: tightly packed. */
+    uint64_t stride;
+} oc_query_f32;
+
+/** A hit in single precision. Members that are not in `oc_query_f32.want` are as for a miss. */
+typedef struct oc_hit_f32 {
+    /** Distance from the origin, in units of the direction's length. Miss: infinity. */
+    float t;
+    /** Unit geometric normal in world space, on the side of the ray's origin. Miss: 0. */
+    float normal[3];
+    /** Barycentric weights of the triangle's second and third corner. Miss: 0. */
+    float uv[2];
+    /** The lowest 32 bits of the part's id. Miss: 0xFFFFFFFF. */
+    uint32_t part;
+    /** The lowest 32 bits of the instance's id. Miss: 0xFFFFFFFF. */
+    uint32_t instance;
+    /** Index of the triangle in the input of the build. Miss: 0xFFFFFFFF. */
+    uint32_t prim;
+    /** One of the OC_HIT_ constants. */
+    oc_hit_kind kind;
+} oc_hit_f32;
 
 /** A triangle with all that is stored of it. Element of an array. */
 typedef struct oc_triangle {
@@ -1277,6 +1344,13 @@ typedef struct oc_pixels {
  * Primitive ids are read only on request.
  */
 #define OC_CONTEXT_NO_READ_AHEAD 1
+
+/**
+ * Models only have their compact form in memory. Without this flag a model that is in memory as a whole also gets a
+ * form in which exact rays are traced faster, made in the background. It takes some 50 to 70 bytes for each triangle, as
+ * far as `memory_budget` has room, and is given back when other data needs the room. Answers and pictures are the same.
+ */
+#define OC_CONTEXT_COMPACT 2
 
 /** Version of the library, in the format of OC_HEADER_VERSION. */
 #define OC_PROPERTY_VERSION 1
@@ -2487,6 +2561,40 @@ oc_status oc_scene_any_start(const struct oc_scene *scene,
                              uint8_t *out_any,
                              uint64_t any_stride,
                              struct oc_job **out_job);
+
+/**
+ * Finds the closest hit of each ray in the committed scene, as oc_scene_closest does, for rays in single precision.
+ * The hits are those of oc_scene_closest, rounded. They take a quarter of its memory, and less time.
+ *
+ * - `query`: the rays and options. Initialise it with OC_INIT.
+ * - `out_hits`: receives one hit for each ray. Must not overlap the rays. Do not use it if the call fails.
+ * - `hit_stride`: bytes from one hit to the next. 0: tightly packed.
+ *
+ * Errors: as for oc_scene_closest.
+ *
+ * Thread safety: any thread. Frames and other batches may be in flight. Blocks; may read the disk.
+ */
+OC_API
+oc_status oc_scene_closest_f32(const struct oc_scene *scene,
+                               const struct oc_query_f32 *query,
+                               struct oc_hit_f32 *out_hits,
+                               uint64_t hit_stride);
+
+/**
+ * Tests whether each ray hits anything in the committed scene, as oc_scene_any does, for rays in single precision.
+ *
+ * - `query`: the rays and options. `want` has no effect, but must be valid.
+ * - `out_any`, `any_stride`: as for oc_scene_any. Must not overlap the rays.
+ *
+ * Errors: as for oc_scene_closest.
+ *
+ * Thread safety: any thread. Blocks; may read the disk.
+ */
+OC_API
+oc_status oc_scene_any_f32(const struct oc_scene *scene,
+                           const struct oc_query_f32 *query,
+                           uint8_t *out_any,
+                           uint64_t any_stride);
 
 /**
  * Begins to read the triangles of a part, for example to export it, or to snap to its corners.

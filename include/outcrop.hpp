@@ -352,6 +352,19 @@ class scene : public scene_handle {
         check(oc_scene_closest(get(), &query, hits.data(), 0));
         return hits;
     }
+    std::vector<oc_hit_f32> closest(const std::vector<oc_ray_f32> &rays, oc_want want = 0,
+                                    oc_query_flags flags = 0) const {
+        std::vector<oc_hit_f32> hits(rays.size());
+        const oc_query_f32 query = batch(rays, want, flags);
+        check(oc_scene_closest_f32(get(), &query, hits.data(), 0));
+        return hits;
+    }
+    std::vector<std::uint8_t> any(const std::vector<oc_ray_f32> &rays, oc_query_flags flags = 0) const {
+        std::vector<std::uint8_t> hits(rays.size());
+        const oc_query_f32 query = batch(rays, OC_WANT_T, flags);
+        check(oc_scene_any_f32(get(), &query, hits.data(), 0));
+        return hits;
+    }
     std::vector<std::uint8_t> any(const std::vector<oc_ray> &rays, oc_query_flags flags = 0) const {
         std::vector<std::uint8_t> hits(rays.size());
         const oc_query query = batch(rays, OC_WANT_T, flags);
@@ -427,6 +440,14 @@ class scene : public scene_handle {
     }
 
   private:
+    static oc_query_f32 batch(const std::vector<oc_ray_f32> &rays, oc_want want, oc_query_flags flags) {
+        auto query = init<oc_query_f32>();
+        query.rays = rays.data();
+        query.count = rays.size();
+        query.want = want;
+        query.flags = flags;
+        return query;
+    }
     static oc_query batch(const std::vector<oc_ray> &rays, oc_want want, oc_query_flags flags) {
         auto query = init<oc_query>();
         query.rays = rays.data();

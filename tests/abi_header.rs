@@ -18,6 +18,7 @@ const SOURCES: &[&str] = &[
     "scene.rs",
     "looks.rs",
     "query.rs",
+    "query_f32.rs",
     "geometry.rs",
     "crossings.rs",
     "inside.rs",

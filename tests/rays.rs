@@ -19,6 +19,7 @@ mod paths;
 mod precision;
 mod queries;
 mod query_packets;
+mod resident;
 mod robust_rays;
 mod slivers;
 mod structures;

@@ -27,6 +27,7 @@ pub mod overlap;
 pub mod pixels;
 pub mod prefetch;
 pub mod query;
+pub mod query_f32;
 pub mod report;
 pub mod resolve;
 pub mod scene;

@@ -312,6 +312,8 @@ pub struct oc_model_info {
     pub has_normals: u32,
     /// Always 0.
     pub reserved: u32,
+    /// Bytes of the form for exact rays, in addition to `resident_bytes`. 0: there is none now. See OC_CONTEXT_COMPACT.
+    pub fast_form_bytes: u64,
 }
 
 // SAFETY: `repr(C)`, integers and doubles without padding, `struct_size` first.
@@ -352,6 +354,7 @@ pub unsafe extern "C" fn oc_model_get_info(model: *const oc_model, out_info: *mu
                 has_colours: u32::from(info.has_colours),
                 has_normals: u32::from(info.has_normals),
                 reserved: 0,
+                fast_form_bytes: memory.resident_form,
             });
             Ok(())
         })

@@ -276,7 +276,7 @@ pub(super) unsafe fn write_hit(out: *mut oc_hit, hit: &Hit) {
 }
 
 /// The caller's array of bytes: 1 for a ray that hits anything.
-struct CAny(Strided<u8>);
+pub(super) struct CAny(pub(super) Strided<u8>);
 
 impl Hits for CAny {
     fn write(&self, first: usize, hits: &[Hit]) {

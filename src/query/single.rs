@@ -4,7 +4,7 @@
 //! reference-counted: `arc_swap` gives each thread only eight uncounted loads.) The batch path takes over if a ray
 //! lacks a block or needs a second walk.
 
-use super::answers::answer_one;
+use super::answers::{Seen, answer_one_in};
 use super::batch::{Hits, Rays};
 use super::beyond::is_early;
 use super::chunk::{Task, trace};
@@ -19,9 +19,11 @@ use std::cell::Cell;
 pub(super) const ALONE: usize = 2;
 
 /// Memory that a thread keeps from call to call, without any content.
+#[derive(Default)]
 struct Kept {
     walk: SceneWalk,
     snapshots: Snapshots,
+    seen: Seen<1>,
 }
 
 thread_local! {
@@ -34,9 +36,8 @@ pub(super) fn answer(scene: &SceneState, task: Task, rays: &dyn Rays, hits: &dyn
     scene.context().pool().here(|| {
         // The thread-local is gone while the thread ends.
         let kept = KEPT.try_with(Cell::take).ok().flatten();
-        let mut kept =
-            kept.unwrap_or_else(|| Box::new(Kept { walk: SceneWalk::default(), snapshots: Snapshots::none() }));
-        let Kept { walk, snapshots } = &mut *kept;
+        let mut kept = kept.unwrap_or_else(|| Box::new(Kept::default()));
+        let Kept { walk, snapshots, seen } = &mut *kept;
         snapshots.lend(scene);
         // A new stamp would be written to every block that the rays visit.
         let stamp = scene.context().residency().now();
@@ -46,7 +47,7 @@ pub(super) fn answer(scene: &SceneState, task: Task, rays: &dyn Rays, hits: &dyn
         let each = two[..count].iter_mut().zip(&mut answers);
         let is_done = each.fold(true, |is_done, (ray, hit)| {
             ray.cone = ray.cone.or_zero();
-            is_done && one(&view, task, ray, walk, hit)
+            is_done && one(&view, task, ray, (walk, seen), hit)
         });
         snapshots.clear();
         let _ = KEPT.try_with(|place| place.set(Some(kept)));
@@ -58,7 +59,7 @@ pub(super) fn answer(scene: &SceneState, task: Task, rays: &dyn Rays, hits: &dyn
 }
 
 /// Answers one ray; returns false if a block is missing or the ray needs a second walk.
-fn one(view: &SceneView, task: Task, ray: &Ray, walk: &mut SceneWalk, hit: &mut Hit) -> bool {
+fn one(view: &SceneView, task: Task, ray: &Ray, (walk, seen): (&mut SceneWalk, &mut Seen<1>), hit: &mut Hit) -> bool {
     walk.begin(view, ray);
     if trace(view, task, ray, walk) != Step::Done {
         return false;
@@ -67,5 +68,5 @@ fn one(view: &SceneView, task: Task, ray: &Ray, walk: &mut SceneWalk, hit: &mut 
     if found.has_transmitted() && task.want.has(Want::ERROR) || is_early(view, ray, &found) {
         return false;
     }
-    !found.is_hit() || matches!(answer_one(view, ray, &found, task.want, hit), Ok(true))
+    !found.is_hit() || matches!(answer_one_in(seen, view, ray, &found, task.want, hit), Ok(true))
 }

@@ -78,6 +78,8 @@ pub(super) struct State {
     pub resident: u64,
     /// Bytes of slots being read.
     pub in_flight: u64,
+    /// Bytes of companions in the published snapshots.
+    pub companions: u64,
     /// Bytes of tables when all blocks are in memory. `pinned`: bytes of blocks that stay.
     pub tables: u64,
     pub pinned: u64,
@@ -122,6 +124,7 @@ impl Residency {
             turn: Weak::new(),
             resident: 0,
             in_flight: 0,
+            companions: 0,
             tables: 0,
             pinned: 0,
         };
@@ -243,6 +246,7 @@ impl Shared {
             if state.models.remove(&model.key).is_some() {
                 let snapshot = model.published.load();
                 state.resident -= snapshot.resident().map(|(id, _)| model.slot_bytes(id)).sum::<u64>();
+                state.companions -= snapshot.companion_bytes();
                 state.tables -= model.table_bytes;
                 state.pinned -= model.root_bytes;
                 let State { models, together, .. } = &mut *state;
@@ -308,9 +312,9 @@ impl State {
         (0..NO_VIEW).min_by_key(|channel| views.iter().filter(|view| view.channel == *channel).count()).unwrap_or(0)
     }
 
-    /// True if slots of `need` bytes fit beside the published slots and those being read.
+    /// True if slots of `need` bytes fit beside the published slots, those being read, and companions.
     pub fn fits(&self, shared: &Shared, need: u64) -> bool {
-        self.resident + self.in_flight + need <= shared.capacity(self)
+        self.resident + self.in_flight + self.companions + need <= shared.capacity(self)
     }
 
     pub fn publish(

@@ -76,6 +76,12 @@ impl State {
         oldest_live_pass: &[u32; CHANNELS],
         after: &mut After,
     ) -> Result<(), Short> {
+        if self.companions > 0 {
+            self.give_back_companions(shared, need, after);
+            if self.fits(shared, need) {
+                return Ok(());
+            }
+        }
         let capacity = shared.capacity(self);
         let enough = (self.resident + self.in_flight + need).saturating_sub(capacity);
         let wished = enough + (capacity / AHEAD_SHARE).min(AHEAD);

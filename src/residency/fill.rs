@@ -74,6 +74,11 @@ impl ModelBlocks {
         }
     }
 
+    /// True if all blocks were in memory, or being read, at some time.
+    pub fn is_complete(&self) -> bool {
+        self.inner.is_complete.load(Relaxed)
+    }
+
     /// Marks the model as opened. From now on its blocks are read ahead if they fit.
     pub fn opened(&self) {
         self.inner.may_promote.store(true, Relaxed);

@@ -15,6 +15,7 @@ mod admit;
 mod blocks;
 mod bring;
 mod claims;
+mod companion;
 #[cfg(test)]
 mod claims_tests;
 mod core;
@@ -50,6 +51,7 @@ pub use self::core::{Residency, ResidencyOptions};
 pub use admit::{Admission, Needs};
 pub use blocks::{BlockClass, Decoder, ModelBlocks, ModelKey};
 pub use bring::Held;
+pub use companion::CompanionRoom;
 pub use kept::{Kept, UNCOUNTED, counted};
 pub use lease::Lease;
 pub use links::{Entries, MOST_NODES, Reference, Statements};

@@ -1,10 +1,12 @@
 //! Snapshots: immutable tables of a model's blocks in memory.
 
 use super::account::{Account, Charge};
+use super::companion::Companion;
 use super::slots::Slot;
 use crate::base::error::Result;
 use crate::base::ids::BlockId;
 use crate::base::memory::room;
+use std::any::Any;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
@@ -45,6 +47,7 @@ pub struct Snapshot {
     blocks: u32,
     /// Last-used stamps of each block, one per channel. All snapshots of a model share them.
     stamps: Arc<[[AtomicU32; CHANNELS]]>,
+    companion: Option<Arc<Companion>>,
     _charge: Charge,
 }
 
@@ -57,7 +60,7 @@ impl Snapshot {
         let page = Arc::new(Page { slots: [const { None }; PAGE], _charge: Charge::default() });
         let count = (blocks as usize).div_ceil(PAGE);
         let stamps = (0..count * PAGE).map(|_| [const { AtomicU32::new(0) }; CHANNELS]).collect();
-        Self { pages: vec![page; count], blocks, stamps, _charge: Charge::default() }
+        Self { pages: vec![page; count], blocks, stamps, companion: None, _charge: Charge::default() }
     }
 
     /// [`Snapshot::empty`] that fails with `NoMemory` if the system lacks memory for the table.
@@ -151,7 +154,24 @@ impl Snapshot {
         for (at, page) in changed {
             pages[at] = Arc::new(page);
         }
-        Some(Self { pages, blocks: self.blocks, stamps: Arc::clone(&self.stamps), _charge: charge })
+        let (stamps, companion) = (Arc::clone(&self.stamps), self.companion.clone());
+        Some(Self { pages, blocks: self.blocks, stamps, companion, _charge: charge })
+    }
+
+    /// Returns this snapshot with another companion, or without any; `None` if `account` has too little for its table.
+    pub(super) fn with_companion(&self, companion: Option<Arc<Companion>>, account: &Account) -> Option<Self> {
+        Some(Self { companion, ..self.changed(Vec::new(), Some(account))? })
+    }
+
+    /// The companion of the model's blocks, if there is one.
+    #[inline(always)]
+    pub fn companion<T: Any>(&self) -> Option<&T> {
+        self.companion.as_ref()?.value().downcast_ref()
+    }
+
+    /// Bytes of the companion.
+    pub(super) fn companion_bytes(&self) -> u64 {
+        self.companion.as_ref().map_or(0, |companion| companion.bytes())
     }
 
     /// Returns this snapshot with `added` in memory too. Ids beyond the last block are ignored.

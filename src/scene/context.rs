@@ -44,6 +44,10 @@ pub struct ContextOptions {
     /// True if models that fit the budget are read in the background before all of their data was requested. Default:
     /// true.
     pub read_ahead: bool,
+    /// True if models only have their compact form in memory. By default exact rays through a model that is in memory
+    /// as a whole go through a faster form, which takes about twice the memory of the compact one, as far as the budget
+    /// has room. Answers are the same.
+    pub compact: bool,
     /// Receives log lines.
     pub log: Option<Log>,
     /// Instruction set; `None` selects the best that the machine has.
@@ -57,6 +61,7 @@ impl Default for ContextOptions {
             executor: None,
             memory_budget: 0,
             read_ahead: true,
+            compact: false,
             log: None,
             isa: None,
         }
@@ -77,6 +82,7 @@ struct Inner {
     residency: Residency,
     pumping: Arc<Pumping>,
     isa: Isa,
+    is_compact: bool,
     /// Working memory of ended batches, for reuse.
     scratch: WorkingMemory,
     /// Bytes of working memory of rays, in batches, that wait for blocks.
@@ -107,9 +113,10 @@ impl Context {
         let pumping = Arc::new(Pumping::of(&residency));
         // The limit is one more than the workers, or the host's calling threads, that can use working memory at once.
         let workers = threads::processors().max(pool.concurrency());
-        let (log, scratch) = (options.log, WorkingMemory::new(workers + 1));
+        let (log, scratch, is_compact) = (options.log, WorkingMemory::new(workers + 1), options.compact);
         let waiting = Arc::default();
-        let inner = Arc::new(Inner { _fetchers: fetchers, pool, log, residency, pumping, isa, scratch, waiting });
+        let inner =
+            Arc::new(Inner { _fetchers: fetchers, pool, log, residency, pumping, isa, is_compact, scratch, waiting });
         if !has_fetchers {
             let weak = Arc::downgrade(&inner);
             inner.residency.set_waker(Some(Arc::new(move || pump_in_pool(&weak))));
@@ -151,6 +158,11 @@ impl Context {
     /// The instruction set in use.
     pub fn isa(&self) -> Isa {
         self.0.isa
+    }
+
+    /// See [`ContextOptions::compact`].
+    pub(crate) fn is_compact(&self) -> bool {
+        self.0.is_compact
     }
 
     /// The budget in bytes.

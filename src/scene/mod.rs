@@ -8,6 +8,7 @@ pub mod camera;
 pub mod context;
 pub mod edit;
 mod fit;
+mod forms;
 pub mod light;
 mod looks;
 pub mod model;

@@ -3,6 +3,7 @@
 use super::camera::{Camera, FOV_Y, axes, default_directions, default_views};
 use super::context::{Context, LogLevel};
 use super::fit::{Fit, Lens, MARGIN, fit_model};
+use super::forms::{FormState, SMALL};
 use super::part_check::PartCheck;
 use crate::base::error::{Error, Result};
 use crate::base::ids::BlockId;
@@ -16,11 +17,11 @@ use crate::store::contents::Kind;
 use crate::store::directory::Row;
 use crate::store::{FileSource, Header, InstanceRow, ModelFile, Outline, Part, PartRow, PartSets, Source, TreeRow};
 use crate::structure::open::{self, Opened, StoredTree};
-use crate::structure::{Tree, Visit};
+use crate::structure::{Forms, Tree, Visit};
 use glam::{DAffine3, DMat3, DVec3};
 use std::ops::Deref;
 use std::path::Path;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError, Weak};
 
 /// A part of a model, as stored.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -128,6 +129,8 @@ pub struct ModelMemory {
     pub resident: u64,
     /// All geometry blocks in trace form (nodes and triangles).
     pub geometry: u64,
+    /// The form for exact rays, in addition to the blocks; 0 if there is none.
+    pub resident_form: u64,
     /// Directory, parts and other tables.
     pub tables: u64,
 }
@@ -135,6 +138,16 @@ pub struct ModelMemory {
 /// An opened model; cloning is cheap and gives the same model. Thread-safe.
 #[derive(Clone)]
 pub struct Model(Arc<Inner>);
+
+/// A model that may be gone.
+pub(super) struct WeakModel(Weak<Inner>);
+
+impl WeakModel {
+    /// The model, if it is in use.
+    pub fn upgrade(&self) -> Option<Model> {
+        self.0.upgrade().map(Model)
+    }
+}
 
 struct Inner {
     context: Context,
@@ -146,6 +159,7 @@ struct Inner {
     geometry_bytes: u64,
     /// The parts of blocks, once they were needed.
     part_sets: Mutex<Option<Arc<KeptSets>>>,
+    form: FormState,
 }
 
 /// The parts of blocks, and the charge for their memory.
@@ -236,8 +250,14 @@ impl Model {
         let see_through = file.parts().iter().any(|part| is_transparent(part.material));
         let info = info_of(&file, &header);
         let context = context.clone();
-        let part_sets = Mutex::default();
-        Ok(Self(Arc::new(Inner { context, info, see_through, trees, blocks, geometry_bytes, part_sets })))
+        let (part_sets, form) = (Mutex::default(), FormState::default());
+        let model =
+            Self(Arc::new(Inner { context, info, see_through, trees, blocks, geometry_bytes, part_sets, form }));
+        if all && model.info().triangles_stored <= SMALL && model.is_whole() {
+            model.blocks().completed();
+            model.begin_form();
+        }
+        Ok(model)
     }
 
     /// The context in which it was opened.
@@ -263,7 +283,12 @@ impl Model {
     /// Bytes that it holds in memory now.
     pub fn memory(&self) -> ModelMemory {
         let blocks = &self.0.blocks;
-        ModelMemory { resident: blocks.resident_bytes(), geometry: self.0.geometry_bytes, tables: blocks.table_bytes() }
+        ModelMemory {
+            resident: blocks.resident_bytes(),
+            geometry: self.0.geometry_bytes,
+            resident_form: blocks.companion_bytes(),
+            tables: blocks.table_bytes(),
+        }
     }
 
     /// Reads all of its geometry into memory, with all workers of the context. Returns false if the budget does not
@@ -273,12 +298,42 @@ impl Model {
         let blocks = &self.0.blocks;
         let all: Vec<BlockId> = (0..self.0.info.geometry_blocks).map(BlockId).collect();
         blocks.fill(&all, self.0.context.pool(), &Progress::default(), cancel)?;
-        let there = blocks.snapshot();
-        let is_all = all.iter().all(|&id| there.block(id).is_some());
+        let is_all = self.is_whole();
         if is_all {
             blocks.completed();
+            self.begin_form();
         }
         Ok(is_all)
+    }
+
+    /// True if all geometry is in memory.
+    fn is_whole(&self) -> bool {
+        let there = self.0.blocks.snapshot();
+        (0..self.0.info.geometry_blocks).all(|id| there.block(BlockId(id)).is_some())
+    }
+
+    /// The state of the form for exact rays.
+    pub(super) fn form_state(&self) -> &FormState {
+        &self.0.form
+    }
+
+    /// Makes the form for exact rays of all trees, if all geometry is in memory and the budget has room beside it. The
+    /// form is given back when the room is needed. Returns false if it was not made. Fails with `NoMemory`.
+    pub fn make_resident(&self) -> Result<bool> {
+        let (blocks, there) = (&self.0.blocks, self.0.blocks.snapshot());
+        if there.companion::<Forms>().is_some() {
+            return Ok(true);
+        }
+        let mut room = None;
+        let take = |bytes: u64| {
+            room = blocks.companion_room(bytes);
+            room.is_some()
+        };
+        let forms = open::resident_forms(&self.0.trees, &there, take)?;
+        drop(there);
+        let (Some(forms), Some(room)) = (forms, room) else { return Ok(false) };
+        debug_assert!(forms.bytes() <= room.bytes() + 4096);
+        Ok(blocks.put_companion(Box::new(forms), room))
     }
 
     /// Reads, decodes and validates all of its geometry and the links between its blocks, and compares the parts of
@@ -355,6 +410,11 @@ impl Model {
     /// True if a part is transparent.
     pub(crate) fn see_through(&self) -> bool {
         self.0.see_through
+    }
+
+    /// The model without keeping it.
+    pub(super) fn downgrade(&self) -> WeakModel {
+        WeakModel(Arc::downgrade(&self.0))
     }
 
     /// True if both are the same opened model.

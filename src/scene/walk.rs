@@ -33,11 +33,13 @@ pub(crate) enum Step {
 }
 
 /// The blocks of a scene's models that are in memory at one moment: a snapshot for each model.
+#[derive(Default)]
 pub(crate) struct Snapshots(Vec<Shown>);
 
 impl Snapshots {
     /// The current snapshots.
     pub fn take(scene: &SceneState) -> Self {
+        scene.models.iter().for_each(Model::used);
         Self(scene.models.iter().map(|m| Shown::from_inner(m.blocks().snapshot())).collect())
     }
 
@@ -328,7 +330,8 @@ impl<'a> SceneView<'a> {
 
     /// Finds the closest hit of the ray that `walk` was begun with, or any hit if `ANY`.
     pub fn trace<const ANY: bool>(&self, ray: &Ray, walk: &mut SceneWalk) -> Step {
-        let box_rays = BoxRay::new(ray);
+        // A scene of one tree has no boxes.
+        let mut box_rays = None;
         let mut best = walk.best();
         while let Some(place) = walk.places.pop() {
             match place {
@@ -352,7 +355,8 @@ impl<'a> SceneView<'a> {
                     }
                     Target::Inner(index) => {
                         let push = |node, enter| walk.places.push(Place::Node(node, enter));
-                        self.for_each_child(&box_rays, ray, index, best.t, push);
+                        let box_rays = box_rays.get_or_insert_with(|| BoxRay::new(ray));
+                        self.for_each_child(box_rays, ray, index, best.t, push);
                     }
                 },
             }

@@ -2,6 +2,7 @@
 
 use super::Op;
 use super::lanes::{Lanes, Mask, Simd};
+use super::order;
 use std::arch::x86_64::*;
 use std::ops::{Add, Mul, Sub};
 
@@ -336,6 +337,16 @@ impl Simd for Avx2 {
         }
     }
     #[inline(always)]
+    fn order8(self, enter: V8, hits: u32, child: &[u32; 8], enter_out: &mut [f32; 8], child_out: &mut [u32; 8]) {
+        // SAFETY: as in `splat8`.
+        unsafe { order::order8_avx2(enter.0, hits, child, enter_out, child_out) }
+    }
+    #[inline(always)]
+    fn pack8(self, t: V8, keep: u32, child: &[u32; 8], t_out: &mut [f32; 8], child_out: &mut [u32; 8]) {
+        // SAFETY: as in `splat8`.
+        unsafe { order::pack8_avx2(t.0, keep, child, t_out, child_out) }
+    }
+    #[inline(always)]
     fn splat16(self, v: f32) -> Pair<V8> {
         Pair(self.splat8(v), self.splat8(v))
     }
@@ -391,13 +402,7 @@ pub(super) unsafe fn far_first(
         let key = _mm256_or_si256(_mm256_andnot_si256(last, _mm256_castps_si256(enter)), lanes);
         // The key of a lane that is not in the set is less than all keys of the set.
         let k = _mm256_blendv_epi8(_mm256_set1_epi32(-1), key, mask);
-        let k = greater_first::<0xAA>(k, _mm256_shuffle_epi32::<0xB1>(k));
-        let k = greater_first::<0xCC>(k, _mm256_shuffle_epi32::<0x1B>(k));
-        let k = greater_first::<0xAA>(k, _mm256_shuffle_epi32::<0xB1>(k));
-        let reversed = _mm256_setr_epi32(7, 6, 5, 4, 3, 2, 1, 0);
-        let k = greater_first::<0xF0>(k, _mm256_permutevar8x32_epi32(k, reversed));
-        let k = greater_first::<0xCC>(k, _mm256_shuffle_epi32::<0x4E>(k));
-        let k = greater_first::<0xAA>(k, _mm256_shuffle_epi32::<0xB1>(k));
+        let k = order::sort8(k);
         let t = _mm256_andnot_si256(last, k);
         _mm256_storeu_ps(enter_out.as_mut_ptr(), _mm256_castsi256_ps(t));
         let child = _mm256_cvtepu16_epi32(_mm_loadu_si128(child.as_ptr().cast()));
@@ -405,16 +410,6 @@ pub(super) unsafe fn far_first(
         let child = _mm256_permutevar8x32_epi32(child, k);
         _mm256_storeu_si256(child_out.as_mut_ptr().cast(), child);
     }
-}
-
-/// One layer of the network: lanes of `LESS` keep the lesser of themselves and their partner, the others the greater.
-///
-/// # Safety
-/// The CPU has AVX2.
-#[inline(always)]
-unsafe fn greater_first<const LESS: i32>(k: __m256i, partner: __m256i) -> __m256i {
-    // SAFETY: the caller guarantees AVX2.
-    unsafe { _mm256_blend_epi32::<LESS>(_mm256_max_epi32(k, partner), _mm256_min_epi32(k, partner)) }
 }
 
 /// The planes of a node's grid relative to a ray: see `Simd::slabs`.

@@ -3,6 +3,7 @@
 use super::Op;
 use super::avx2::{far_first, greatest8, least8, put_steps16, slabs, steps16};
 use super::lanes::{Lanes, Mask, Simd};
+use super::order;
 use std::arch::x86_64::*;
 use std::ops::{Add, Mul, Sub};
 
@@ -378,6 +379,16 @@ impl Simd for Avx512 {
             let mask = _mm256_movm_epi32(hits as __mmask8);
             far_first(enter.0, mask, child, enter_out, child_out);
         }
+    }
+    #[inline(always)]
+    fn order8(self, enter: V8, hits: u32, child: &[u32; 8], enter_out: &mut [f32; 8], child_out: &mut [u32; 8]) {
+        // SAFETY: as in `splat8`.
+        unsafe { order::order8_avx512(enter.0, hits, child, enter_out, child_out) }
+    }
+    #[inline(always)]
+    fn pack8(self, t: V8, keep: u32, child: &[u32; 8], t_out: &mut [f32; 8], child_out: &mut [u32; 8]) {
+        // SAFETY: as in `splat8`.
+        unsafe { order::pack8_avx512(t.0, keep, child, t_out, child_out) }
     }
     #[inline(always)]
     fn splat16(self, v: f32) -> V16 {

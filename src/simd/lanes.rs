@@ -97,6 +97,11 @@ pub trait Simd: Copy {
         enter_out: &mut [f32; 8],
         child_out: &mut [u32; 8],
     );
+    /// [`Simd::far_first`] for links of 32 bits.
+    fn order8(self, enter: Self::F8, hits: u32, child: &[u32; 8], enter_out: &mut [f32; 8], child_out: &mut [u32; 8]);
+    /// Moves the lanes of `keep` (bit `i`: lane `i`) to the front, in order, with their links; the content of the other
+    /// lanes is undefined.
+    fn pack8(self, t: Self::F8, keep: u32, child: &[u32; 8], t_out: &mut [f32; 8], child_out: &mut [u32; 8]);
     /// `v` in all sixteen lanes.
     fn splat16(self, v: f32) -> Self::F16;
     /// The lanes of `bits` (bit `i`: lane `i`).

@@ -20,6 +20,8 @@ mod portable;
 mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
+#[cfg(target_arch = "x86_64")]
+mod order;
 
 pub use common::Common;
 pub use lanes::{Lanes, Mask, Simd};

@@ -219,17 +219,16 @@ impl Simd for Portable {
         enter_out: &mut [f32; 8],
         child_out: &mut [u32; 8],
     ) {
-        let met = child.iter().enumerate().filter(|(i, _)| hits >> i & 1 == 1);
-        for (count, (i, &to)) in met.enumerate() {
-            // Lanes of equal distance are in descending order, as in the other sets.
-            let t = f32::from_bits(enter.0[i].to_bits() & !7);
-            let mut at = count;
-            while at > 0 && enter_out[at - 1] <= t {
-                enter_out[at] = enter_out[at - 1];
-                child_out[at] = child_out[at - 1];
-                at -= 1;
-            }
-            (enter_out[at], child_out[at]) = (t, u32::from(to));
+        insert_far_first(enter, hits, child, enter_out, child_out);
+    }
+    #[inline(always)]
+    fn order8(self, enter: Array<8>, hits: u32, child: &[u32; 8], enter_out: &mut [f32; 8], child_out: &mut [u32; 8]) {
+        insert_far_first(enter, hits, child, enter_out, child_out);
+    }
+    #[inline(always)]
+    fn pack8(self, t: Array<8>, keep: u32, child: &[u32; 8], t_out: &mut [f32; 8], child_out: &mut [u32; 8]) {
+        for (to, from) in (0..8).filter(|i| keep >> i & 1 == 1).enumerate() {
+            (t_out[to], child_out[to]) = (t.0[from], child[from]);
         }
     }
     #[inline(always)]
@@ -251,5 +250,28 @@ impl Simd for Portable {
             same |= u32::from(v.to_bits() & mask == bits) << i;
         }
         same
+    }
+}
+
+/// Sorts the children of a node by insertion: see `Simd::far_first`.
+#[inline(always)]
+fn insert_far_first<T: Copy + Into<u32>>(
+    enter: Array<8>,
+    hits: u32,
+    child: &[T; 8],
+    enter_out: &mut [f32; 8],
+    child_out: &mut [u32; 8],
+) {
+    let met = child.iter().enumerate().filter(|(i, _)| hits >> i & 1 == 1);
+    for (count, (i, &to)) in met.enumerate() {
+        // Lanes of equal distance are in descending order, as in the other sets.
+        let t = f32::from_bits(enter.0[i].to_bits() & !7);
+        let mut at = count;
+        while at > 0 && enter_out[at - 1] <= t {
+            enter_out[at] = enter_out[at - 1];
+            child_out[at] = child_out[at - 1];
+            at -= 1;
+        }
+        (enter_out[at], child_out[at]) = (t, to.into());
     }
 }

@@ -103,6 +103,14 @@ fn sorted<S: Simd>(s: S, seed: u32, values: &[f32; 8], out: &mut Vec<u32>) {
         assert!(t[..count].is_sorted_by(|a, b| a >= b));
         out.extend(t[..count].iter().map(|t| t.to_bits()));
         out.extend(&to[..count]);
+        let links = child.map(u32::from);
+        let (mut same_t, mut same_to) = ([0.0; 8], [0; 8]);
+        s.order8(s.load8(&enter), hits, &links, &mut same_t, &mut same_to);
+        assert_eq!((&same_t[..count], &same_to[..count]), (&t[..count], &to[..count]));
+        s.pack8(s.load8(&enter), hits, &links, &mut same_t, &mut same_to);
+        let kept: Vec<usize> = (0..8).filter(|i| hits >> i & 1 == 1).collect();
+        assert!(kept.iter().zip(same_t).all(|(&i, t)| enter[i].to_bits() == t.to_bits()));
+        assert!(kept.iter().zip(same_to).all(|(&i, to)| links[i] == to));
     }
 }
 

@@ -24,10 +24,15 @@ pub mod filter;
 pub mod hit;
 pub mod open;
 pub mod packet;
+mod packet_boxes;
 mod packet_prepare;
+mod packet_triangles;
 pub mod par;
 pub mod place;
+mod prepared;
 pub mod ray;
+mod rays16;
+pub mod resident;
 pub mod stream;
 pub mod streams;
 pub mod surface;
@@ -41,8 +46,9 @@ pub use packet::PacketWalk;
 pub use par::Par;
 pub use place::{Place, Rooted};
 pub use ray::{LocalRay, USUAL_DIRS};
+pub use resident::{Forms, Resident};
 pub use stream::Stream;
-pub use tree::{Bundle, NEVER, Tree, Visit};
+pub use tree::{Blocks, Bundle, NEVER, Tree, Visit};
 pub use walk::Walk;
 
 /// Acceleration structure of a model.

@@ -5,7 +5,8 @@ use super::Structure;
 use super::brute;
 use super::bvh;
 use super::place::Place;
-use super::tree::{Tree, Visit};
+use super::resident::{self, Forms};
+use super::tree::{Blocks, Tree, Visit};
 use crate::base::error::{Error, Result};
 use crate::base::ids::BlockId;
 use crate::base::memory::room;
@@ -27,6 +28,8 @@ pub struct Opened {
 #[derive(Debug, Clone, Copy)]
 pub struct StoredTree {
     start: Start,
+    /// Index of the tree in the file's table.
+    index: u32,
     /// Origin of the tree's own frame, in mesh coordinates.
     pub origin: DVec3,
     /// Bounds in the tree's own frame; empty for an empty tree.
@@ -58,17 +61,49 @@ pub fn open(file: &ModelFile) -> Result<Opened> {
         #[cfg(any(test, feature = "brute"))]
         Structure::Brute => Box::new(brute::BruteDecoder::new(header, file.trees())),
     };
-    let start = |row: &TreeRow| {
+    let start = |index: u32, row: &TreeRow| {
         let start = match structure {
             Structure::Bvh => bvh::open::Start::of(file, row).map(Start::Bvh),
             #[cfg(any(test, feature = "brute"))]
             Structure::Brute => brute::open::Start::of(file, row).map(Start::Brute),
         };
-        start.map(|start| stored(row, start)).map_err(|why| Error::corrupt(file.name(), Some(row.first_block), why))
+        start
+            .map(|start| stored(row, start, index))
+            .map_err(|why| Error::corrupt(file.name(), Some(row.first_block), why))
     };
     let mut trees = room(file.trees().len(), "the trees of a model")?;
-    file.trees().iter().try_for_each(|row| start(row).map(|tree| trees.push(tree)))?;
+    (0..).zip(file.trees()).try_for_each(|(index, row)| start(index, row).map(|tree| trees.push(tree)))?;
     Ok(Opened { decoder, trees })
+}
+
+/// Returns the forms for exact rays of all trees that have one, made from a snapshot of all their blocks; `None` if a
+/// block is missing. `room` is told the bytes of all forms, once they are known, and says whether they fit. Fails with
+/// `NoMemory`.
+pub fn resident_forms(
+    trees: &[StoredTree],
+    snapshot: &Snapshot,
+    room: impl FnOnce(u64) -> bool,
+) -> Result<Option<Forms>> {
+    let views = || trees.iter().map(|tree| tree.view(snapshot, Isa::best(), Visit::default()));
+    let mut sizes = self::room(trees.len(), resident::WHAT)?;
+    for tree in views() {
+        match resident::build::measure(&tree) {
+            Ok(size) => sizes.push(size),
+            Err(_missing) => return Ok(None),
+        }
+    }
+    if !room(sizes.iter().flatten().map(resident::build::Size::bytes).sum()) {
+        return Ok(None);
+    }
+    let mut forms = self::room(trees.len(), resident::WHAT)?;
+    for (tree, size) in views().zip(sizes) {
+        let form = size.map(|size| resident::build::build(&tree, size)).transpose();
+        match form? {
+            Some(None) => return Ok(None),
+            form => forms.push(form.flatten()),
+        }
+    }
+    Ok(Some(Forms(forms)))
 }
 
 /// Bytes of memory for `trees` opened trees, those of the decoder included.
@@ -150,12 +185,13 @@ fn structure_of(file: &ModelFile) -> Result<Structure> {
     Structure::from_number(number).ok_or_else(unknown)
 }
 
-fn stored(row: &TreeRow, start: Start) -> StoredTree {
+fn stored(row: &TreeRow, start: Start, index: u32) -> StoredTree {
     let [a, b, c, d, e, f] = row.bounds.map(f64::from);
     let is_empty = row.block_count == 0;
     let max_coord = row.bounds.iter().filter(|x| x.is_finite()).fold(0.0f32, |r, x| r.max(x.abs()));
     StoredTree {
         start,
+        index,
         origin: DVec3::from(row.origin),
         bounds: if is_empty { DBounds::EMPTY } else { DBounds { min: DVec3::new(a, b, c), max: DVec3::new(d, e, f) } },
         max_coord: max_coord.max(f32::MIN_POSITIVE),
@@ -189,11 +225,13 @@ impl StoredTree {
     /// The tree in a snapshot of its file's blocks.
     #[inline]
     pub fn view<'a>(&self, snapshot: &'a Snapshot, isa: Isa, visit: Visit<'a>) -> Tree<'a> {
-        match &self.start {
-            Start::Bvh(own) => Tree::Bvh(own.view(snapshot, self.max_coord, isa, visit)),
+        let blocks = match &self.start {
+            Start::Bvh(own) => Blocks::Bvh(own.view(snapshot, self.max_coord, isa, visit)),
             #[cfg(any(test, feature = "brute"))]
-            Start::Brute(own) => Tree::Brute(own.view(snapshot, self.max_coord, isa, visit)),
-        }
+            Start::Brute(own) => Blocks::Brute(own.view(snapshot, self.max_coord, isa, visit)),
+        };
+        let forms = snapshot.companion::<Forms>();
+        Tree::new(blocks, forms.and_then(|forms| forms.of(self.index)))
     }
 }
 
@@ -203,6 +241,7 @@ impl StoredTree {
     pub fn for_tests(origin: DVec3, bounds: DBounds, max_coord: f32) -> Self {
         Self {
             start: Start::Bvh(bvh::open::Start::NONE),
+            index: 0,
             origin,
             bounds,
             max_coord,

@@ -114,6 +114,8 @@ pub struct PacketWalk {
     pub(super) common: Common,
     /// Rays that have not ended.
     pub(super) waiting: u32,
+    /// True if no ray has left the root.
+    pub(super) is_new: bool,
     /// Distance at which a stand-in first transmitted each ray; infinity if none did.
     pub(super) transmitted: Row,
     /// Walk for rays that leave the packet.
@@ -145,6 +147,7 @@ impl PacketWalk {
             together: false,
             common: Common::default(),
             waiting: 0,
+            is_new: false,
             transmitted: [[f32::INFINITY; 16]; VECTORS],
             alone: Walk::new(),
             put_down: None,
@@ -311,6 +314,19 @@ impl PacketWalk {
         dispatch(isa, Hits { walk: self, lanes, out });
     }
 
+    /// True if no ray has a footprint.
+    pub(super) fn is_exact(&self) -> bool {
+        self.rays.cone.as_flattened().as_flattened().iter().all(|w| *w == 0.0)
+    }
+
+    /// Places rays at the root again. They keep their best hits.
+    pub(super) fn begin_again(&mut self, tree: &impl Rooted, rays: u32) {
+        self.waiting = rays;
+        if let Some(Place { block, item }) = tree.root() {
+            self.stack.push(PacketEntry { t: 0.0, rays, block, child: item });
+        }
+    }
+
     /// For rays that are all traced as single rays: returns the next ray that has not ended. [`PacketWalk::alone`]
     /// holds it at the root of `tree`, or where it stopped.
     pub(super) fn next_alone(&mut self, tree: &impl Rooted) -> Option<usize> {
@@ -439,7 +455,7 @@ impl Op for Start<'_> {
     fn run<S: Simd>(self, s: S) {
         let Self { walk, root, max_coord, active } = self;
         walk.stack.clear();
-        (walk.hits.some, walk.together, walk.put_down) = (0, false, None);
+        (walk.hits.some, walk.together, walk.put_down, walk.is_new) = (0, false, None, true);
         walk.transmitted = [[f32::INFINITY; 16]; VECTORS];
         walk.waiting = packet_prepare::valid(s, &walk.rays, &walk.hits.t) & active & ALL;
         let Some(Place { block, item }) = root.filter(|_| walk.waiting != 0) else {

@@ -50,7 +50,7 @@ impl Common {
     }
 }
 
-/// Prepares all rays, each as [`super::bvh::trace::PreparedRay::new`] does, and the values that they share. Returns
+/// Prepares all rays, each as [`super::prepared::PreparedRay::new`] does, and the values that they share. Returns
 /// false if the rays cannot be traced as one packet, because the signs or the greatest components of their directions
 /// differ. `common` is written in place: a returned struct would be stored in small pieces and then read in large ones,
 /// which stalls.

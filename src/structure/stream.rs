@@ -117,6 +117,11 @@ impl Stream {
         (count..count.next_multiple_of(GROUP)).for_each(|i| self.set(i, &LocalRay::NONE));
     }
 
+    /// The groups of the first `count` rays.
+    pub(super) fn groups(&self, count: usize) -> &[Rays16] {
+        &self.rays[..count.div_ceil(GROUP).min(STREAM / GROUP)]
+    }
+
     /// Returns ray `i` as it was stored.
     pub(super) fn ray(&self, i: usize) -> LocalRay {
         self.rays[(i / GROUP) & (STREAM / GROUP - 1)].one(i)

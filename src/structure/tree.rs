@@ -17,12 +17,14 @@ use super::filter::{PartFilter, ShownBlocks};
 use super::hit::{Outcome, TriHit, Triangle};
 use super::packet::PacketWalk;
 use super::place::{Place, Rooted};
-use super::stream::Stream;
+use super::resident::Resident;
+use super::resident::trace::Both;
+use super::stream::{Rays16, Stream};
 use super::surface::Surfaces;
 use super::walk::Walk;
 use crate::base::ids::BlockId;
 use crate::lod::OrientedSlabs;
-use crate::math::Bounds;
+use crate::math::{Bounds, Cone};
 use crate::residency::Snapshot;
 use crate::simd::Isa;
 use glam::{DVec3, Vec3};
@@ -58,7 +60,15 @@ impl Default for Visit<'_> {
 
 /// One tree of a model in one snapshot. Cheap to make; it borrows the snapshot as long as it is in use.
 #[derive(Debug, Clone, Copy)]
-pub enum Tree<'a> {
+pub struct Tree<'a> {
+    blocks: Blocks<'a>,
+    /// The same tree in the form for exact rays, if there is one.
+    resident: Option<&'a Resident>,
+}
+
+/// The blocks of a tree, which hold all of it.
+#[derive(Debug, Clone, Copy)]
+pub enum Blocks<'a> {
     /// A wide bounding volume hierarchy.
     Bvh(bvh::trace::TreeView<'a>),
     /// A list of triangles.
@@ -70,14 +80,66 @@ pub enum Tree<'a> {
 macro_rules! of_each {
     ($tree:expr, $own:ident => $answer:expr) => {
         match $tree {
-            Tree::Bvh($own) => $answer,
+            Blocks::Bvh($own) => $answer,
             #[cfg(any(test, feature = "brute"))]
-            Tree::Brute($own) => $answer,
+            Blocks::Brute($own) => $answer,
         }
     };
 }
 
 impl<'a> Tree<'a> {
+    /// A tree with the form for exact rays, if there is one.
+    pub fn new(blocks: Blocks<'a>, resident: Option<&'a Resident>) -> Self {
+        Self { blocks, resident }
+    }
+
+    /// The same tree with a form for exact rays.
+    pub fn with_resident<'b>(&self, form: &'b Resident) -> Tree<'b>
+    where
+        'a: 'b,
+    {
+        Tree { blocks: self.blocks, resident: Some(form) }
+    }
+
+    /// Both forms, if there are both and a filter allows rays in the form for exact rays.
+    #[inline(always)]
+    fn both(&self, filter: Option<&PartFilter>) -> Option<Both<'_>> {
+        let form = self.resident.filter(|_| !PartFilter::is_by_ray(filter))?;
+        Some(Both { form, blocks: &self.blocks })
+    }
+
+    /// Traces the ray that `walk` has begun in the form for exact rays, if it may. Returns false if it has no result.
+    #[inline(always)]
+    fn single<const ANY: bool>(&self, filter: Option<&PartFilter>, walk: &mut Walk) -> bool {
+        let may = std::mem::take(&mut walk.is_new) && walk.ray.cone == Cone::ZERO;
+        may && self.both(filter).is_some_and(|both| both.single::<ANY>(filter, walk))
+    }
+
+    /// Traces the packet that has begun in the form for exact rays, if it may. Returns false if rays have no result.
+    #[inline(always)]
+    fn packet<const ANY: bool>(&self, filter: Option<&PartFilter>, walk: &mut PacketWalk) -> bool {
+        if !(std::mem::take(&mut walk.is_new) && walk.is_exact()) {
+            return false;
+        }
+        let Some(both) = self.both(filter) else { return false };
+        let lost = both.packet::<ANY>(filter, walk);
+        if lost != 0 {
+            walk.begin_again(self, lost);
+        }
+        lost == 0
+    }
+
+    /// Traces the first rays of a stream in the form for exact rays, if they may. Returns false if they have no
+    /// results.
+    #[inline(always)]
+    fn stream<const ANY: bool>(&self, filter: Option<&PartFilter>, stream: &mut Stream, hits: &mut [TriHit]) -> bool {
+        let Some(both) = self.both(filter).filter(|_| stream.groups(hits.len()).iter().all(Rays16::is_exact)) else {
+            return false;
+        };
+        both.stream::<ANY>(filter, stream, hits);
+        true
+    }
+
     /// True if the tree is empty.
     #[inline]
     pub fn is_empty(&self) -> bool {
@@ -87,33 +149,45 @@ impl<'a> Tree<'a> {
     /// Snapshot with the blocks in memory.
     #[inline]
     pub fn snapshot(&self) -> &'a Snapshot {
-        of_each!(self, own => own.snapshot)
+        of_each!(&self.blocks, own => own.snapshot)
     }
 
     /// Finds the closest hit of the ray that `walk` has begun, or continues after `Pending`.
     #[inline]
     pub fn closest(&self, filter: Option<&PartFilter>, walk: &mut Walk) -> Outcome {
-        of_each!(self, own => own.closest(filter, walk))
+        if self.single::<false>(filter, walk) {
+            return Outcome::Done;
+        }
+        of_each!(&self.blocks, own => own.closest(filter, walk))
     }
 
     /// Finds any hit of the ray that `walk` has begun, or continues after `Pending`.
     #[inline]
     pub fn any(&self, filter: Option<&PartFilter>, walk: &mut Walk) -> Outcome {
-        of_each!(self, own => own.any(filter, walk))
+        if self.single::<true>(filter, walk) {
+            return Outcome::Done;
+        }
+        of_each!(&self.blocks, own => own.any(filter, walk))
     }
 
     /// Finds the closest hits of the rays that `walk` has begun, or continues after `Pending`. The hits are identical,
     /// to the bit, to those that [`Tree::closest`] finds for each ray.
     #[inline]
     pub fn closest_together(&self, filter: Option<&PartFilter>, walk: &mut PacketWalk) -> Outcome {
-        of_each!(self, own => own.closest_together(filter, walk))
+        if self.packet::<false>(filter, walk) {
+            return Outcome::Done;
+        }
+        of_each!(&self.blocks, own => own.closest_together(filter, walk))
     }
 
     /// Finds any hit of each ray that `walk` has begun, or continues after `Pending`. The hit may differ from the one
     /// that [`Tree::any`] finds, but both agree on its existence.
     #[inline]
     pub fn any_together(&self, filter: Option<&PartFilter>, walk: &mut PacketWalk) -> Outcome {
-        of_each!(self, own => own.any_together(filter, walk))
+        if self.packet::<true>(filter, walk) {
+            return Outcome::Done;
+        }
+        of_each!(&self.blocks, own => own.any_together(filter, walk))
     }
 
     /// Finds the closest hits of the first rays of `stream`, as [`Tree::closest`] does but at lower cost for each ray.
@@ -122,7 +196,9 @@ impl<'a> Tree<'a> {
     #[inline]
     pub fn closest_each(&self, filter: Option<&PartFilter>, stream: &mut Stream, hits: &mut [TriHit]) {
         stream.end(hits.len());
-        of_each!(self, own => own.closest_each(filter, stream, hits));
+        if !self.stream::<false>(filter, stream, hits) {
+            of_each!(&self.blocks, own => own.closest_each(filter, stream, hits));
+        }
     }
 
     /// Finds out whether each ray hits anything; otherwise like [`Tree::closest_each`]. Which hit it returns is
@@ -130,7 +206,9 @@ impl<'a> Tree<'a> {
     #[inline]
     pub fn any_each(&self, filter: Option<&PartFilter>, stream: &mut Stream, hits: &mut [TriHit]) {
         stream.end(hits.len());
-        of_each!(self, own => own.any_each(filter, stream, hits));
+        if !self.stream::<true>(filter, stream, hits) {
+            of_each!(&self.blocks, own => own.any_each(filter, stream, hits));
+        }
     }
 
     /// Finds the closest hits of those packets of `among` (bit `i`: packet `i`) that can be traced as one bundle. All
@@ -138,10 +216,13 @@ impl<'a> Tree<'a> {
     /// caller calls it for each packet in any case.
     #[inline]
     pub fn closest_in_bundle(&self, filter: Option<&PartFilter>, bundle: &mut Bundle, among: u32) {
-        match self {
-            Tree::Bvh(own) => bundle.closest(own, filter, among),
+        if self.both(filter).is_some() && bundle.are_exact(among) {
+            return;
+        }
+        match &self.blocks {
+            Blocks::Bvh(own) => bundle.closest(own, filter, among),
             #[cfg(any(test, feature = "brute"))]
-            Tree::Brute(_) => {}
+            Blocks::Brute(_) => {}
         }
     }
 
@@ -149,16 +230,16 @@ impl<'a> Tree<'a> {
     /// struct in small pieces and read it in large ones, which stalls.
     #[inline(always)]
     pub fn triangle(&self, hit: &TriHit) -> Option<Triangle> {
-        of_each!(self, own => own.triangle(hit))
+        of_each!(&self.blocks, own => own.triangle(hit))
     }
 
     /// Returns the block that a hit needs first. If [`Tree::triangle`], [`Tree::surfaces`], [`Tree::cells`] or
     /// [`Tree::oriented_slabs`] find nothing, this is the block that has left the snapshot.
     pub fn block_of(&self, hit: &TriHit) -> BlockId {
-        match self {
-            Tree::Bvh(_) => BlockId(hit.block),
+        match &self.blocks {
+            Blocks::Bvh(_) => BlockId(hit.block),
             #[cfg(any(test, feature = "brute"))]
-            Tree::Brute(_) => BlockId(hit.block),
+            Blocks::Brute(_) => BlockId(hit.block),
         }
     }
 
@@ -166,7 +247,7 @@ impl<'a> Tree<'a> {
     /// triangle `i`) in blocks that have left the snapshot.
     #[inline(always)]
     pub fn surfaces<const N: usize>(&self, count: usize, hit: impl Fn(usize) -> TriHit, out: &mut Surfaces<N>) -> u32 {
-        of_each!(self, own => own.surfaces(count, hit, out))
+        of_each!(&self.blocks, own => own.surfaces(count, hit, out))
     }
 
     /// Fills the columns of `rays`, all of which hit stand-ins. Returns the rays for which a block has left the
@@ -182,80 +263,80 @@ impl<'a> Tree<'a> {
         is_whole: bool,
         out: &mut Cells<N>,
     ) -> u32 {
-        of_each!(self, own => own.cells(rays, hit, dir, is_whole, out))
+        of_each!(&self.blocks, own => own.cells(rays, hit, dir, is_whole, out))
     }
 
     /// Prefetches the memory that [`Tree::cells`] reads for a cell that was hit. A first call prefetches the cell's
     /// words. A second call (`of_sides`), once those are in the cache, prefetches the samples of its sides.
     #[inline]
     pub fn prefetch_cell(&self, hit: &TriHit, of_sides: bool) {
-        of_each!(self, own => own.prefetch_cell(hit, of_sides));
+        of_each!(&self.blocks, own => own.prefetch_cell(hit, of_sides));
     }
 
     /// Returns the oriented slabs that bound the content of a cell that was hit; `None` if its block has left the
     /// snapshot.
     pub fn oriented_slabs(&self, hit: &TriHit) -> Option<OrientedSlabs<f32>> {
-        of_each!(self, own => own.oriented_slabs(hit))
+        of_each!(&self.blocks, own => own.oriented_slabs(hit))
     }
 
     /// Returns the primitive id of a hit, or the block that is needed for it; `None` if a deliberately malformed file
     /// has no id for the triangle.
     pub fn prim(&self, hit: &TriHit) -> Result<Option<u32>, BlockId> {
-        of_each!(self, own => own.prim(hit)).map(|prim| (prim != u32::MAX).then_some(prim))
+        of_each!(&self.blocks, own => own.prim(hit)).map(|prim| (prim != u32::MAX).then_some(prim))
     }
 
     /// Returns the place of a hit's primitive id. It needs the hit's block; `None` if that has left the snapshot.
     pub fn prim_place(&self, hit: &TriHit) -> Option<Place> {
-        of_each!(self, own => own.prim_place(hit))
+        of_each!(&self.blocks, own => own.prim_place(hit))
     }
 
     /// Returns the primitive id at a [place](Self::prim_place), or the block of the place if it is not in memory; no
     /// other block is needed. `None` if a deliberately malformed file has no id there.
     pub fn prim_at(&self, place: Place) -> Result<Option<u32>, BlockId> {
-        of_each!(self, own => own.prim_at(place)).map(|prim| (prim != u32::MAX).then_some(prim))
+        of_each!(&self.blocks, own => own.prim_at(place)).map(|prim| (prim != u32::MAX).then_some(prim))
     }
 
     /// Returns the sRGB colours of the corners of a hit's triangle, or the block that is needed for them; `None` if the
     /// model has no colours.
     pub fn colours(&self, hit: &TriHit) -> Result<Option<[[u8; 4]; 3]>, BlockId> {
-        of_each!(self, own => own.colours(hit))
+        of_each!(&self.blocks, own => own.colours(hit))
     }
 
     /// True if single triangles have colours.
     pub fn has_colours(&self) -> bool {
-        of_each!(self, own => own.colours_at.is_some())
+        of_each!(&self.blocks, own => own.colours_at.is_some())
     }
 
     /// Returns the unit normals at the corners of a hit's triangle, in the tree's frame, on the side from which the
     /// corners appear counter-clockwise, or the block that is needed for them; `None` if they are the triangle's own.
     pub fn normals(&self, hit: &TriHit) -> Result<Option<[Vec3; 3]>, BlockId> {
-        of_each!(self, own => own.normals(hit))
+        of_each!(&self.blocks, own => own.normals(hit))
     }
 
     /// True if triangles may have normals other than their own.
     pub fn has_normals(&self) -> bool {
-        of_each!(self, own => own.normals_at.is_some())
+        of_each!(&self.blocks, own => own.normals_at.is_some())
     }
 
     /// Returns the parts in the cell of a hit; `None` if its block has left the snapshot.
     pub fn parts_in_cell(&self, hit: &TriHit) -> Option<CellParts> {
-        of_each!(self, own => own.parts_in_cell(hit))
+        of_each!(&self.blocks, own => own.parts_in_cell(hit))
     }
 
     /// Returns the block that the stand-in of a hit replaces, if that block is missing.
     pub fn wanted(&self, hit: &TriHit) -> Option<u32> {
-        of_each!(self, own => own.wanted(hit))
+        of_each!(&self.blocks, own => own.wanted(hit))
     }
 
     /// Visits all triangles of a block of triangles. Fails with the block if it is not in memory.
     pub fn triangles_of(&self, block: BlockId, visit: &mut dyn FnMut(&TriHit, &Triangle)) -> Result<(), BlockId> {
-        of_each!(self, own => own.triangles_of(block, visit))
+        of_each!(&self.blocks, own => own.triangles_of(block, visit))
     }
 
     /// Visits the children or triangles below a place. Fails with the block of the place if that is not in memory.
     /// Counts as a use of the block.
     pub fn expand(&self, place: Place, below: &mut Below) -> Result<(), BlockId> {
-        of_each!(self, own => own.expand(place, below))
+        of_each!(&self.blocks, own => own.expand(place, below))
     }
 
     /// Bounds of everything that rays can hit, stand-ins included, in the tree's frame; `None` if the root is not in
@@ -269,7 +350,18 @@ impl<'a> Tree<'a> {
     }
 }
 
-impl Rooted for Tree<'_> {
+impl Blocks<'_> {
+    /// Decides between hits on triangles at equal distance: true if `hit` has the lower primitive id. Fails with a
+    /// block that is needed for the ids.
+    pub(super) fn precedes(&self, hit: &TriHit, best: &TriHit) -> Result<bool, BlockId> {
+        match (of_each!(self, own => own.prim(hit)), of_each!(self, own => own.prim(best))) {
+            (Ok(a), Ok(b)) => Ok(a < b),
+            (a, b) => Ok(a? < b?),
+        }
+    }
+}
+
+impl Rooted for Blocks<'_> {
     #[inline(always)]
     fn root(&self) -> Option<Place> {
         of_each!(self, own => own.root())
@@ -281,5 +373,20 @@ impl Rooted for Tree<'_> {
     #[inline(always)]
     fn isa(&self) -> Isa {
         of_each!(self, own => own.isa)
+    }
+}
+
+impl Rooted for Tree<'_> {
+    #[inline(always)]
+    fn root(&self) -> Option<Place> {
+        self.blocks.root()
+    }
+    #[inline(always)]
+    fn max_coord(&self) -> f32 {
+        self.blocks.max_coord()
+    }
+    #[inline(always)]
+    fn isa(&self) -> Isa {
+        self.blocks.isa()
     }
 }

@@ -21,6 +21,8 @@ pub struct Walk {
     pub(super) stack: Vec<Entry>,
     pub(super) ray: LocalRay,
     pub(super) best: TriHit,
+    /// True if the ray has not left the root.
+    pub(super) is_new: bool,
     /// Work done with this walk.
     pub counters: Counters,
     /// Distance at which a stand-in first transmitted the ray; infinity if none did.
@@ -37,7 +39,7 @@ impl Walk {
     /// A walk for any number of rays.
     pub fn new() -> Self {
         let (ray, best) = (LocalRay::NONE, TriHit::none(0.0));
-        Self { stack: Vec::new(), ray, best, counters: Counters::default(), transmitted: f32::INFINITY }
+        Self { stack: Vec::new(), ray, best, is_new: false, counters: Counters::default(), transmitted: f32::INFINITY }
     }
 
     /// Places `ray` at the root of `tree`. An invalid ray (see [`LocalRay::is_valid`]) misses everything.
@@ -73,6 +75,7 @@ impl Walk {
     #[inline(always)]
     pub(super) fn put_at_root(&mut self, tree: &impl Rooted, ray: &LocalRay) {
         self.stack.clear();
+        self.is_new = true;
         self.transmitted = f32::INFINITY;
         self.best = TriHit::none(ray.t_max);
         if let Some(Place { block, item }) = tree.root().filter(|_| ray.is_valid()) {

@@ -13,7 +13,7 @@ use outcrop::structure::Stream;
 use outcrop::structure::bake::{TreeInput, TreeOptions};
 use outcrop::structure::bvh::build::{self, Chunk, TreeBlock, UpperTree};
 use outcrop::structure::bvh::trace::TreeView;
-use outcrop::structure::{LocalRay, Outcome, PacketWalk, Tree, TriHit, Walk, for_each_triangle};
+use outcrop::structure::{Blocks, LocalRay, Outcome, PacketWalk, Tree, TriHit, Walk, for_each_triangle};
 
 /// A tree with all its blocks, and the triangles that it holds.
 pub struct TestTree {
@@ -117,7 +117,7 @@ impl TestTree {
     pub fn assert_holds_its_triangles(&self) {
         let view = self.view(&self.snapshot, Isa::Baseline);
         let mut seen = vec![false; self.stored.len()];
-        let visited = for_each_triangle(&Tree::Bvh(view), &mut |hit, triangle| {
+        let visited = for_each_triangle(&Tree::new(Blocks::Bvh(view), None), &mut |hit, triangle| {
             let prim = view.prim(hit).expect("all blocks are here") as usize;
             seen[prim] = true;
             assert_eq!(triangle.vertices.map(Vec3::as_dvec3), self.stored[prim], "corners of {prim}");

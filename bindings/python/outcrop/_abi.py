@@ -179,7 +179,7 @@ class oc_model_info(Sized):
         ("triangles_stored", c.c_uint64), ("triangles_placed", c.c_uint64), ("file_bytes", c.c_uint64),
         ("geometry_bytes", c.c_uint64), ("resident_bytes", c.c_uint64), ("parts", c.c_uint32),
         ("instances", c.c_uint32), ("blocks", c.c_uint32), ("has_colours", c.c_uint32), ("has_normals", c.c_uint32),
-        ("reserved", c.c_uint32),
+        ("reserved", c.c_uint32), ("fast_form_bytes", c.c_uint64),
     ]
 
 
@@ -237,6 +237,40 @@ class oc_hit(c.Structure):
         ("t", c.c_double), ("position", c.c_double * 3), ("t_free", c.c_double), ("part", c.c_uint64),
         ("instance", c.c_uint64), ("prim", c.c_uint64), ("normal", c.c_float * 3), ("uv", c.c_float * 2),
         ("error", c.c_float), ("kind", c.c_uint32), ("shading_normal", c.c_float * 3),
+    ]
+
+
+class oc_ray_f32(c.Structure):
+    """A ray in single precision, in world space."""
+
+    _fields_ = [
+        ("origin", c.c_float * 3), ("t_min", c.c_float), ("direction", c.c_float * 3), ("t_max", c.c_float),
+    ]
+
+
+class oc_rays_soa(c.Structure):
+    """Rays in single precision as a structure of arrays: one array for each number, without gaps."""
+
+    _fields_ = [
+        ("origin", c.c_void_p * 3), ("direction", c.c_void_p * 3), ("t_min", c.c_void_p), ("t_max", c.c_void_p),
+    ]
+
+
+class oc_query_f32(Sized):
+    """A batch of rays in single precision. The rays are exact: they have no footprint."""
+
+    _fields_ = [
+        ("struct_size", c.c_uint32), ("want", c.c_uint32), ("flags", c.c_uint32), ("reserved", c.c_uint32),
+        ("rays", c.c_void_p), ("columns", c.c_void_p), ("count", c.c_uint64), ("stride", c.c_uint64),
+    ]
+
+
+class oc_hit_f32(c.Structure):
+    """A hit in single precision. Members that are not in `QueryF32.want` are as for a miss."""
+
+    _fields_ = [
+        ("t", c.c_float), ("normal", c.c_float * 3), ("uv", c.c_float * 2), ("part", c.c_uint32),
+        ("instance", c.c_uint32), ("prim", c.c_uint32), ("kind", c.c_uint32),
     ]
 
 
@@ -344,8 +378,8 @@ class oc_pixels(Sized):
 STRUCTS: list[type[c.Structure]] = [
     oc_progress, oc_executor, oc_context_desc, oc_camera, oc_ray, oc_plane, oc_resolved, oc_build_desc, oc_material,
     oc_part, oc_triangles, oc_build_report, oc_io, oc_model_info, oc_part_info, oc_light, oc_background, oc_look,
-    oc_query, oc_hit, oc_triangle, oc_crossing, oc_part_at, oc_overlap, oc_fit, oc_part_ref, oc_target, oc_frame_desc,
-    oc_frame_settings, oc_frame_accuracy, oc_pixels,
+    oc_query, oc_hit, oc_ray_f32, oc_rays_soa, oc_query_f32, oc_hit_f32, oc_triangle, oc_crossing, oc_part_at,
+    oc_overlap, oc_fit, oc_part_ref, oc_target, oc_frame_desc, oc_frame_settings, oc_frame_accuracy, oc_pixels,
 ]
 """All structs, in the order of the header."""
 
@@ -414,6 +448,8 @@ class Functions:
     oc_scene_any: Callable[..., int]
     oc_scene_closest_start: Callable[..., int]
     oc_scene_any_start: Callable[..., int]
+    oc_scene_closest_f32: Callable[..., int]
+    oc_scene_any_f32: Callable[..., int]
     oc_model_read_part: Callable[..., int]
     oc_part_reader_next: Callable[..., int]
     oc_part_reader_retain: Callable[..., None]
@@ -510,6 +546,8 @@ SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "oc_scene_any": (c.c_uint32, [c.c_void_p, c.c_void_p, c.c_void_p, c.c_uint64]),
     "oc_scene_closest_start": (c.c_uint32, [c.c_void_p, c.c_void_p, c.c_void_p, c.c_uint64, c.c_void_p]),
     "oc_scene_any_start": (c.c_uint32, [c.c_void_p, c.c_void_p, c.c_void_p, c.c_uint64, c.c_void_p]),
+    "oc_scene_closest_f32": (c.c_uint32, [c.c_void_p, c.c_void_p, c.c_void_p, c.c_uint64]),
+    "oc_scene_any_f32": (c.c_uint32, [c.c_void_p, c.c_void_p, c.c_void_p, c.c_uint64]),
     "oc_model_read_part": (c.c_uint32, [c.c_void_p, c.c_uint64, c.c_void_p]),
     "oc_part_reader_next": (c.c_uint32, [c.c_void_p, c.c_void_p, c.c_uint64, c.c_void_p]),
     "oc_part_reader_retain": (None, [c.c_void_p]),
@@ -559,12 +597,12 @@ FALLIBLE = frozenset([
     "oc_scene_remove_instance", "oc_scene_set_transform", "oc_scene_set_instance_mask", "oc_scene_set_lights",
     "oc_scene_set_background", "oc_scene_commit", "oc_scene_set_instance_look", "oc_scene_set_part_look",
     "oc_scene_set_parts_look", "oc_scene_isolate", "oc_scene_set_model", "oc_scene_clear_part_looks",
-    "oc_scene_closest", "oc_scene_any", "oc_scene_closest_start", "oc_scene_any_start", "oc_model_read_part",
-    "oc_part_reader_next", "oc_scene_triangles", "oc_scene_crossings", "oc_scene_parts_at", "oc_scene_thickness",
-    "oc_scene_overlap_box", "oc_scene_overlap_frustum", "oc_scene_fit", "oc_frame_create", "oc_frame_request",
-    "oc_frame_poll", "oc_frame_wait", "oc_frame_cancel", "oc_frame_resize", "oc_frame_set_wake",
-    "oc_frame_get_accuracy", "oc_frame_pick", "oc_frame_pick_near", "oc_frame_map", "oc_scene_prefetch_box",
-    "oc_scene_prefetch_camera",
+    "oc_scene_closest", "oc_scene_any", "oc_scene_closest_start", "oc_scene_any_start", "oc_scene_closest_f32",
+    "oc_scene_any_f32", "oc_model_read_part", "oc_part_reader_next", "oc_scene_triangles", "oc_scene_crossings",
+    "oc_scene_parts_at", "oc_scene_thickness", "oc_scene_overlap_box", "oc_scene_overlap_frustum", "oc_scene_fit",
+    "oc_frame_create", "oc_frame_request", "oc_frame_poll", "oc_frame_wait", "oc_frame_cancel", "oc_frame_resize",
+    "oc_frame_set_wake", "oc_frame_get_accuracy", "oc_frame_pick", "oc_frame_pick_near", "oc_frame_map",
+    "oc_scene_prefetch_box", "oc_scene_prefetch_camera",
 ])
 """Functions that return a status."""
 

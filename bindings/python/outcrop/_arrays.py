@@ -37,6 +37,8 @@ RAY = dtype_of(_abi.oc_ray)
 """dtype of a ray: origin, t_min, t_max, direction, cone_a, cone_b, mask. See `Ray`."""
 HIT = dtype_of(_abi.oc_hit)
 """dtype of a hit: t, position, t_free, part, instance, prim, normal, uv, error, kind. See `Hit`."""
+HIT_F32 = dtype_of(_abi.oc_hit_f32)
+"""dtype of a hit in single precision: t, normal, uv, part, instance, prim, kind."""
 CROSSING = dtype_of(_abi.oc_crossing)
 """dtype of a crossing: t, part, instance, prim, normal, uv, error, side, kind. See `Crossing`."""
 PART_AT = dtype_of(_abi.oc_part_at)

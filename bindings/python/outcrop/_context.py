@@ -35,6 +35,7 @@ class Context(Handle):
     concurrency: number of tasks that the executor runs at once. None: its number of workers.
     instruction_set: vector instructions. All sets give the same answers.
     read_ahead: models that fit the budget are read in the background.
+    compact: models only have their compact form in memory, not also the form for exact rays.
     """
 
     _kind = "Context"
@@ -43,11 +44,11 @@ class Context(Handle):
     def __init__(self, threads: int = _abi.OC_ALL_THREADS, memory_budget: int = 0, *,
                  log: Callable[[LogLevel, str], object] | None = None, executor: Any = None,
                  concurrency: int | None = None, instruction_set: InstructionSet = InstructionSet.BEST,
-                 read_ahead: bool = True) -> None:
+                 read_ahead: bool = True, compact: bool = False) -> None:
         desc = _abi.oc_context_desc(threads=whole("threads", threads, 32), instruction_set=instruction_set,
                                     memory_budget=whole("memory_budget", memory_budget))
         entries: list[Entry] = []
-        desc.flags = 0 if read_ahead else ContextFlags.NO_READ_AHEAD
+        desc.flags = (0 if read_ahead else ContextFlags.NO_READ_AHEAD) | (ContextFlags.COMPACT if compact else 0)
         if log is not None:
             entries.append(Entry(log))
             desc.log, desc.log_user = LOG, entries[-1].key

@@ -135,6 +135,12 @@ class ContextFlags(enum.IntFlag):
     colours of a model that fits the memory budget, in the background, while nothing more urgent waits to be read.
     Primitive ids are read only on request.
     """
+    COMPACT = 2
+    """Models only have their compact form in memory. Without this flag a model that is in memory as a whole also
+    gets a form in which exact rays are traced faster, made in the background. It takes some 50 to 70 bytes for
+    each triangle, as far as `memory_budget` has room, and is given back when other data needs the room. Answers
+    and pictures are the same.
+    """
 
 
 class Property(enum.IntEnum):

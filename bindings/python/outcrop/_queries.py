@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _abi, _values
 from ._arrays import (
-    CROSSING, HIT, OVERLAP, PART_AT, PLANE, RAY, TRIANGLE, Array, address, elements, floats, given, rays, stride_of,
-    structs, vectors,
+    CROSSING, HIT, HIT_F32, OVERLAP, PART_AT, PLANE, RAY, TRIANGLE, Array, address, elements, floats, given, rays,
+    stride_of, structs, vectors,
 )
 from ._enums import HitKind, QueryFlags, Want
 from ._errors import ArgumentError
@@ -62,6 +62,8 @@ class _Batch:
         return out
 
 
+_STEP = 1 << 18
+"""Rays of one call in single precision."""
 class _Prefetch(Job[Progress]):
     """Reading ahead."""
 
@@ -114,6 +116,45 @@ class Queries(Handle):
     def _start(self, call: Callable[..., Any], batch: _Batch, memory: Array, result: Array) -> Job[Array]:
         job = made(call, self._h, c.byref(batch.struct), address(memory), stride_of("out", memory))
         return Job(job, self._h, lambda _job, _progress: result, (batch, memory))
+
+    def closest_f32(self, rays: ArrayLike | Array, *, want: Want | int = 0, coherent: bool = False,
+                    now: bool = False, out: Array | None = None) -> Array:
+        """Returns the closest hit of each ray in single precision, as an array of dtype HIT_F32.
+
+        rays: (..., 8) array: origin, t_min, direction, t_max (0: no end). Read in place if it is float32 without gaps.
+        want: of Want.T, NORMAL, UV, PART, INSTANCE, PRIM. 0: all of these.
+        out: memory for the hits: writeable, dtype HIT_F32, of the shape of the rays.
+
+        Takes less memory and time than `closest`. Ctrl-C raises KeyboardInterrupt.
+        """
+        return self._in_single(lib.oc_scene_closest_f32, rays, want, coherent, now, out, HIT_F32)
+
+    def any_f32(self, rays: ArrayLike | Array, *, coherent: bool = False, now: bool = False,
+                out: Array | None = None) -> NDArray[numpy.bool_]:
+        """Returns for each ray in single precision whether it hits anything. Arguments as for `closest_f32`."""
+        return self._in_single(lib.oc_scene_any_f32, rays, 0, coherent, now, out, numpy.dtype(numpy.bool_))
+
+    def _in_single(self, call: Callable[..., Any], rays: ArrayLike | Array, want: Want | int, coherent: bool,
+                   now: bool, out: Array | None, dtype: numpy.dtype[Any]) -> Array:
+        given_rays = floats("rays", rays)
+        if given_rays.ndim < 1 or given_rays.shape[-1] != 8:
+            raise ValueError(f"rays: expected shape (..., 8): origin, t_min, direction, t_max, not {given(given_rays)}")
+        rows = numpy.ascontiguousarray(given_rays, numpy.float32)
+        if out is None:
+            out = numpy.empty(rows.shape[:-1], dtype)
+        elif not isinstance(out, numpy.ndarray) or out.dtype != dtype:
+            raise TypeError(f"out: expected an array of dtype {dtype}")
+        elif out.shape != rows.shape[:-1] or not out.flags.writeable or not out.flags.c_contiguous:
+            raise ValueError("out: expected writeable memory without gaps of shape "
+                             f"{rows.shape[:-1]}, not {given(out)}")
+        flags = (QueryFlags.COHERENT if coherent else 0) | (QueryFlags.NOW if now else 0)
+        count = rows.size // 8
+        # In steps, so that Ctrl-C comes through.
+        for first in range(0, count, _STEP):
+            query = _abi.oc_query_f32(want=whole("want", want, 32), flags=flags, count=min(count - first, _STEP),
+                                      rays=address(rows) + 32 * first)
+            call(self._h, c.byref(query), address(out) + dtype.itemsize * first, 0)
+        return out
 
     def closest_one(self, origin: Vector, direction: Vector, *, want: Want = Want.ALL, now: bool = False) -> Hit:
         """Returns the closest hit of one ray. A miss is false.

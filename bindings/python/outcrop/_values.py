@@ -272,6 +272,10 @@ class ModelInfo(Value):
     """1: triangles may have colours of their own. 0: they have the colours of their parts."""
     has_normals: int = 0
     """1: triangles may have normals at their corners that make them appear smooth. 0: each has only its own."""
+    fast_form_bytes: int = 0
+    """Bytes of the form for exact rays, in addition to `resident_bytes`. 0: there is none now. See
+    ContextFlags.COMPACT.
+    """
 
 
 @dataclass
@@ -403,6 +407,44 @@ class Hit(Value):
     corners of the triangle, so that coarse facets appear smooth. Where a model has no such normals, and for
     stand-ins, it is `normal`. Miss: 0.
     """
+
+
+@dataclass
+class RayF32(Value):
+    """A ray in single precision, in world space."""
+
+    _struct = _abi.oc_ray_f32
+
+    origin: Vector = (0.0, 0.0, 0.0)
+    """Start point. Not finite: the ray misses. Far from zero single precision has few digits: use Ray there."""
+    t_min: float = 0.0
+    """Start of the interval, as in Ray."""
+    direction: Vector = (0.0, 0.0, 0.0)
+    """Direction, as in Ray."""
+    t_max: float = 0.0
+    """End of the interval, as in Ray. 0: no end."""
+
+
+@dataclass
+class HitF32(Value):
+    """A hit in single precision. Members that are not in `QueryF32.want` are as for a miss."""
+
+    _struct = _abi.oc_hit_f32
+
+    t: float = 0.0
+    """Distance from the origin, in units of the direction's length. Miss: infinity."""
+    normal: Vector = (0.0, 0.0, 0.0)
+    """Unit geometric normal in world space, on the side of the ray's origin. Miss: 0."""
+    uv: Vector = (0.0, 0.0)
+    """Barycentric weights of the triangle's second and third corner. Miss: 0."""
+    part: int = 0
+    """The lowest 32 bits of the part's id. Miss: 0xFFFFFFFF."""
+    instance: int = 0
+    """The lowest 32 bits of the instance's id. Miss: 0xFFFFFFFF."""
+    prim: int = 0
+    """Index of the triangle in the input of the build. Miss: 0xFFFFFFFF."""
+    kind: HitKind = HitKind(0)
+    """One of the HitKind constants."""
 
 
 @dataclass
@@ -602,5 +644,6 @@ class Accuracy(Value):
 
 __all__ = [
     "Progress", "Camera", "Ray", "Plane", "BuildOptions", "Material", "Part", "ModelInfo", "PartInfo", "Light",
-    "Background", "Look", "Triangle", "Crossing", "PartAt", "Overlap", "Fit", "PartRef", "FrameSettings", "Accuracy",
+    "Background", "Look", "RayF32", "HitF32", "Triangle", "Crossing", "PartAt", "Overlap", "Fit", "PartRef",
+    "FrameSettings", "Accuracy",
 ]

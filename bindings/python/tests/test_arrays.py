@@ -118,6 +118,33 @@ def test_rays_are_made_from_arrays_of_any_shape() -> None:
         outcrop.rays(POINTS, (0, 0, 1), mask=1.5)
 
 
+def test_rays_in_single_precision_have_the_same_hits(scene: outcrop.Scene) -> None:
+    rows = numpy.zeros((600, 8), numpy.float32)
+    rows[:, :2] = numpy.random.default_rng(5).random((600, 2)) * 1.2 - 0.1
+    rows[:, 2], rows[:, 6] = -1, 1
+    hits = scene.closest(outcrop.rays(rows[:, :3], rows[:, 4:7]))
+    for coherent in (False, True):
+        narrow = scene.closest_f32(rows, coherent=coherent)
+        assert narrow.dtype == outcrop.HIT_F32 and narrow.shape == (600,)
+        assert (narrow["kind"] == hits["kind"]).all() and (hits["kind"] != 0).sum() > 50
+        met = hits["kind"] != 0
+        assert numpy.allclose(narrow["t"][met], hits["t"][met], rtol=1e-6)
+        assert (narrow["prim"][met] == hits["prim"][met]).all() and (narrow["prim"][~met] == 0xFFFFFFFF).all()
+        assert (narrow["normal"] == hits["normal"]).all()
+        assert (scene.any_f32(rows, coherent=coherent) == met).all()
+    out = numpy.zeros((20, 30), outcrop.HIT_F32)
+    assert scene.closest_f32(rows.reshape(20, 30, 8), out=out) is out and (out["kind"].ravel() == hits["kind"]).all()
+    assert scene.closest_f32(rows[:0]).shape == (0,)
+    with pytest.raises(ValueError, match=r"rays: expected shape \(..., 8\)"):
+        scene.closest_f32(rows[:, :7])
+    with pytest.raises(TypeError, match="out: expected an array of dtype"):
+        scene.closest_f32(rows, out=numpy.zeros(600))
+    with pytest.raises(ValueError, match=r"out: expected writeable memory without gaps of shape \(600,\)"):
+        scene.closest_f32(rows, out=out)
+    with pytest.raises(outcrop.Error, match="oc_query_f32.want"):
+        scene.closest_f32(rows, want=outcrop.Want.POSITION)
+
+
 def test_wrong_arrays_of_rays_and_hits_are_refused(scene: outcrop.Scene) -> None:
     rays = outcrop.rays(numpy.zeros((8, 3)), (0, 0, 1))
     with pytest.raises(TypeError, match=r"rays: expected an array of dtype outcrop.RAY, not shape \(8, 3\)"):

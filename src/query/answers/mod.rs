@@ -414,8 +414,21 @@ pub(super) fn lacking(view: &SceneView, placed: u32, hit: &TriHit, want: Want) -
 /// [`Seen::answer`] of a single ray. Returns false if its hit is outside of its interval; fails with the missing block.
 #[inline(never)]
 pub(super) fn answer_one(view: &SceneView, ray: &Ray, found: &Found, want: Want, hit: &mut Hit) -> Result<bool, Need> {
+    let mut seen = Seen::NONE;
+    answer_one_in(&mut seen, view, ray, found, want, hit)
+}
+
+/// [`answer_one`] with memory that is reused: to prepare it takes longer than most answers.
+#[inline(always)]
+pub(super) fn answer_one_in(
+    seen: &mut Seen<1>,
+    view: &SceneView,
+    ray: &Ray,
+    found: &Found,
+    want: Want,
+    hit: &mut Hit,
+) -> Result<bool, Need> {
     use std::slice::from_ref;
-    let mut seen = Seen::<1>::NONE;
     let out = std::array::from_mut(hit);
     let rest = seen.answer(&InTree::new(view, found.placed), want, from_ref(ray), from_ref(found), 1, out);
     if rest.lacking != 0 { Err(lacking(view, found.placed, &found.tri, want)) } else { Ok(rest.outside == 0) }

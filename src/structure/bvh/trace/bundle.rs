@@ -14,12 +14,13 @@ use super::hit::Counters;
 use super::kernel::Here;
 use super::packet::{PacketEntry, PacketWalk, Row, VECTORS, at_mut};
 use super::packet_prepare::Common;
-use super::packet_visit::{self, Boxes, farthest, intervals};
+use super::packet_visit::{self, Boxes, intervals};
 use super::walk::{Entered, push_sorted};
 use super::{PartFilter, TreeView};
 use crate::math::BUNDLE;
 use crate::simd::{Lanes, Mask, Op, Simd, dispatch};
 use crate::structure::bvh::layout::{Block, Child};
+use crate::structure::packet_boxes::farthest;
 
 /// Greatest number of packets that a node is left to: the first value where leaves are wide, the second where they are
 /// not. (Instructions for a pixel at 10 million triangles, exact, of a near view and of a view of the whole model: 429
@@ -98,6 +99,11 @@ impl Bundle {
     /// Returns packet `i`, below [`BUNDLE`]. The caller may swap it for another one.
     pub fn packet(&mut self, i: usize) -> &mut Box<PacketWalk> {
         &mut self.packets[i]
+    }
+
+    /// True if no ray of the packets in `among` has a footprint.
+    pub fn are_exact(&self, among: u32) -> bool {
+        self.packets.iter().enumerate().all(|(i, packet)| among >> i & 1 == 0 || packet.is_exact())
     }
 
     /// Finds the closest hits of those packets in `among` (bit `i`: packet `i`) that can be traversed as one. The

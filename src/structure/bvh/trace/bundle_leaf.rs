@@ -5,13 +5,14 @@
 use super::bundle::{Bundle, BundleEntry};
 use super::kernel::Together;
 use super::packet::{PacketEntry, VECTORS, at_mut};
-use super::packet_leaf::{AtLeaf, Corners, all_triangles, corners, test};
+use super::packet_leaf::{AtLeaf, all_triangles, corners, test};
 use super::packet_prepare::Common;
-use super::packet_visit::{farthest, meet};
 use super::{PartFilter, TreeView};
 use crate::math::BUNDLE;
 use crate::simd::{Lanes, Mask, Simd};
 use crate::structure::bvh::layout::Block;
+use crate::structure::packet_boxes::{farthest, meet};
+use crate::structure::packet_triangles::Corners;
 
 /// Triangles with a corner nearer than this, along the axis of the greatest direction component, have an unbounded
 /// outline.

@@ -17,8 +17,6 @@ mod packet_few;
 mod packet_leaf;
 mod packet_visit;
 mod coverage;
-mod ray;
-mod rays16;
 mod single;
 mod stand_in;
 mod stream;
@@ -27,9 +25,8 @@ mod stream_start;
 mod tables;
 
 pub use bundle::Bundle;
-pub use ray::PreparedRay;
 pub(in crate::structure) use slab_heuristic::SlabHeuristic;
-pub(in crate::structure) use stream::StreamLanes;
+pub(in crate::structure) use stream::{Stack, StreamLanes};
 
 use super::codec_leaves::leaves_in_order;
 use super::layout::{Block, Child, HEADER_WORDS, MAX_NODES, NODE_WORDS, WIDTH};
@@ -41,7 +38,9 @@ use crate::simd::Isa;
 use crate::structure::cursor::Below;
 use crate::structure::filter::{PartFilter, ShownBlocks};
 use crate::structure::hit::{self, Counters, Outcome, TriHit, Triangle};
+use crate::structure::packet_triangles::Ties;
 use crate::structure::place::{Place, Rooted};
+use crate::structure::prepared::PreparedRay;
 use crate::structure::streams::colours_of;
 use crate::structure::walk::{self, Walk};
 use crate::structure::{packet, packet_prepare};
@@ -243,6 +242,13 @@ impl TreeView<'_> {
             Some(Child::External(_)) | None => {}
         }
         Ok(())
+    }
+}
+
+impl Ties for TreeView<'_> {
+    #[inline(always)]
+    fn is_better(&self, hit: &TriHit, best: &TriHit, counters: &mut Counters) -> Result<bool, BlockId> {
+        single::is_better(self, hit, best, counters)
     }
 }
 

@@ -4,10 +4,10 @@
 //! All walks clip the interval of a ray to the slabs in the same steps, so their results are identical to the bit.
 #![allow(clippy::needless_range_loop)] // axes index several arrays at once
 
-use super::ray::abs;
 use crate::lod::{self, FIELDS, LEAST, LESS, LEVEL, Middle, OrientedSlab, OrientedSlabs};
 use crate::simd::{Lanes, Simd};
 use crate::structure::bvh::layout::Node;
+use crate::structure::ray::abs;
 
 /// Distance by which planes are moved outward, as a fraction of the greatest magnitude of a coordinate. (With 96 h,
 /// wires are 1 % thicker.)

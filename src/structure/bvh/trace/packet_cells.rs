@@ -6,7 +6,6 @@ use super::coverage::{CoverageTest, may_transmit};
 use super::kernel::{Here, Together};
 use super::oriented_slabs::{self, Origin};
 use super::packet::{PacketWalk, VECTORS, at_mut};
-use super::packet_leaf::keep_better;
 use super::packet_prepare::Common;
 use super::packet_visit::{self, Boxes};
 use super::single;
@@ -14,6 +13,8 @@ use super::stand_in::{self, ConeRay, Met, Verdict};
 use crate::geom::watertight::LaneHits;
 use crate::simd::{Lanes, Mask, Simd};
 use crate::structure::bvh::layout::Node;
+use crate::structure::packet_boxes::way;
+use crate::structure::packet_triangles::keep_better;
 use crate::structure::ray::{SLACK, abs};
 
 /// Returns the children that may be small enough to stand in. For a packet, `area` is the area along the least
@@ -123,7 +124,7 @@ pub(super) fn inside<S: Simd>(
     for h in 0..VECTORS {
         let lanes = rays >> (16 * h) & 0xffff;
         if lanes != 0 {
-            let way = packet_visit::way(s, &planes, tree.common.one_origin, walk, h, s.splat16(f32::INFINITY));
+            let way = way(s, &planes, tree.common.one_origin, walk, h, s.splat16(f32::INFINITY));
             let [enter, leave] = within(s, tree, here, slot, boxes, walk, (h, way));
             left |= (lanes & enter.le(leave).bits()) << (16 * h);
         }

@@ -5,12 +5,13 @@ use super::kernel::{Here, Seen, Together};
 use super::oriented_slabs::{self, Origin};
 use super::packet::{PacketWalk, at, at_mut};
 use super::packet_prepare::Common;
-use super::packet_visit::{self, Boxes, entry_ray, keep};
+use super::packet_visit::{self, Boxes, entry_ray};
 use super::single::MetCells;
 use super::stand_in::{self, ConeRay};
 use super::{packet_cells, single};
 use crate::simd::{Lanes, Mask, Simd};
 use crate::structure::bvh::layout::Node;
+use crate::structure::packet_triangles::keep;
 use crate::structure::ray::slack;
 
 /// Number of rays up to which this is less work than testing one child after the other against all rays.

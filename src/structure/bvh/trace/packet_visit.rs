@@ -5,17 +5,14 @@
 //!
 //! Closest-hit walks visit the nearest child first. Any-hit walks visit older entries of the stack first, which
 //! alternates between parts of the tree: memory that is prefetched for one part has arrived when its turn comes.
-//!
-//! Source of the interval test: Boulos, Wald, Shirley, "Geometric and Arithmetic Culling Methods for Entire Ray
-//! Packets", University of Utah UUCS-06-010, 2006, section 3.
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
 use super::ahead;
 use super::coverage::EntryRay;
-use super::hit::{Outcome, TriHit};
+use super::hit::Outcome;
 use super::kernel::{Here, Seen, Together};
 use super::oriented_slabs::{self, Eight, Origin};
-use super::packet::{PacketEntry, PacketRays, PacketWalk, Row, VECTORS, at, at_mut};
+use super::packet::{PacketEntry, PacketRays, PacketWalk, at, at_mut};
 use super::packet_cells;
 use super::packet_few;
 use super::packet_leaf::leaf;
@@ -27,26 +24,8 @@ use super::{PartFilter, PreparedRay, TreeView};
 use crate::base::ids::BlockId;
 use crate::simd::{Lanes, Mask, Op, Simd, dispatch};
 use crate::structure::bvh::layout::{Block, Child, Node};
-
-/// Returns the greatest distance that any ray may go.
-#[inline(always)]
-pub(super) fn farthest<S: Simd>(s: S, t: &Row) -> f32 {
-    let mut far = s.load16(&t[0]);
-    for h in 1..VECTORS {
-        far = s.load16(&t[h]).max(far);
-    }
-    far.greatest()
-}
-
-/// Returns the rays that may go as far as `t`, or farther.
-#[inline(always)]
-fn reaching<S: Simd>(s: S, t: f32, far: &Row) -> u32 {
-    let mut rays = 0;
-    for h in 0..VECTORS {
-        rays |= s.splat16(t).le(s.load16(&far[h])).bits() << (16 * h);
-    }
-    rays
-}
+use crate::structure::packet_boxes::{cross, farthest, meet, reaching};
+use crate::structure::packet_triangles::keep;
 
 impl TreeView<'_> {
     /// See [`crate::structure::Tree::closest_together`].
@@ -71,7 +50,7 @@ fn run<const ANY: bool>(view: &TreeView, filter: Option<&PartFilter>, walk: &mut
 
 /// True if no cell can stand in.
 pub(super) fn is_exact(view: &TreeView, walk: &PacketWalk) -> bool {
-    !view.accept_missing && walk.rays.cone.as_flattened().as_flattened().iter().all(|w| *w == 0.0)
+    !view.accept_missing && walk.is_exact()
 }
 
 /// Kernel of packets. `LOD`: cells may stand in.
@@ -247,15 +226,6 @@ pub(super) fn entry_ray(rays: &PacketRays, i: usize) -> EntryRay {
         org: [at(&org[0], i), at(&org[1], i), at(&org[2], i)],
         dir: [at(&dir[0], i), at(&dir[1], i), at(&dir[2], i)],
     }
-}
-
-#[inline(always)]
-pub(super) fn keep(walk: &mut PacketWalk, i: usize, best: &TriHit) {
-    let h = &mut walk.hits;
-    (*at_mut(&mut h.t, i), *at_mut(&mut h.u, i), *at_mut(&mut h.v, i)) = (best.t, best.u, best.v);
-    *at_mut(&mut h.block, i) = f32::from_bits(best.block);
-    *at_mut(&mut h.tri, i) = f32::from_bits(best.tri);
-    h.some |= u32::from(best.is_hit()) << i;
 }
 
 /// Pushes all of the children that any ray hits but the nearest; returns the nearest.
@@ -435,54 +405,4 @@ pub(super) fn planes<S: Simd>(s: S, node: &Node, common: &Common, out: &mut Boxe
         out.planes[axis] = [planes[0].to_array(), planes[1].to_array()];
     }
     [[first, last], [from, to]]
-}
-
-/// Returns a lower bound of the distances at which rays enter boxes, and an upper bound, at most `far`, of the
-/// distances at which they leave them. The planes are relative to the extremes of the origins.
-#[inline(always)]
-pub(super) fn cross<S: Simd>(s: S, from: [S::F8; 3], to: [S::F8; 3], common: &Common, far: f32) -> [S::F8; 2] {
-    let (mut enter, mut leave) = (s.splat8(0.0), s.splat8(far));
-    for axis in 0..3 {
-        // Rounded products are monotonic: no ray between the extremes has a smaller entry or a greater exit.
-        let (low, high) = (s.splat8(common.inv_min[axis]), s.splat8(common.inv_max[axis]));
-        enter = (from[axis] * low).min(from[axis] * high).max(enter);
-        leave = (to[axis] * low).max(to[axis] * high).min(leave);
-    }
-    [enter, leave]
-}
-
-/// Returns the rays that hit a box between planes, which are relative to the origin if the rays share one.
-#[inline(always)]
-pub(super) fn meet<S: Simd>(s: S, planes: &[[f32; 2]; 3], one_origin: bool, walk: &PacketWalk) -> u32 {
-    let mut all = 0;
-    for h in 0..VECTORS {
-        let [enter, leave] = way(s, planes, one_origin, walk, h, s.load16(&walk.hits.t[h]));
-        all |= enter.le(leave).bits() << (16 * h);
-    }
-    all
-}
-
-/// Returns the intervals of a vector of rays in a box between planes, up to `far`.
-#[inline(always)]
-pub(super) fn way<S: Simd>(
-    s: S,
-    planes: &[[f32; 2]; 3],
-    one_origin: bool,
-    walk: &PacketWalk,
-    h: usize,
-    far: S::F16,
-) -> [S::F16; 2] {
-    let (mut enter, mut leave) = (s.load16(&walk.rays.t_min[h]), far);
-    for axis in 0..3 {
-        let inv = s.load16(&walk.rays.inv[axis][h]);
-        let mut near = s.splat16(planes[axis][0]);
-        let mut far = s.splat16(planes[axis][1]);
-        if !one_origin {
-            let org = s.load16(&walk.rays.org[axis][h]);
-            (near, far) = (near - org, far - org);
-        }
-        enter = (near * inv).max(enter);
-        leave = (far * inv).min(leave);
-    }
-    [enter, leave]
 }

@@ -15,11 +15,11 @@
 
 use super::hit::{StandIn, TriHit};
 use super::kernel::Here;
-use super::ray::abs;
 use super::{PartFilter, TreeView};
 use crate::simd::{Lanes, Mask};
 use crate::structure::bvh::layout::{Block, Child, Node, WIDTH};
 use crate::structure::cell::CellParts;
+pub(super) use crate::structure::packet_boxes::{area, faces};
 
 /// Returns [`TriHit::tri`] for the cell in `slot` of a node.
 #[inline(always)]
@@ -63,25 +63,10 @@ pub(super) struct Met<L> {
     pub enter: L,
 }
 
-/// Returns the areas of the faces of cells between planes as stored.
-#[inline(always)]
-pub(super) fn faces<const N: usize, L: Lanes<N>>(near: [L; 3], far: [L; 3], zero: L) -> [L; 3] {
-    let x = abs(zero, far[0] - near[0]);
-    let y = abs(zero, far[1] - near[1]);
-    let z = abs(zero, far[2] - near[2]);
-    [y * z, z * x, x * y]
-}
-
 /// Returns the areas as they count in the stand-in test, see [`super::oriented_slabs::area_shares`].
 #[inline(always)]
 pub(super) fn counted<const N: usize, L: Lanes<N>>(faces: [L; 3], share: L) -> [L; 3] {
     [faces[0] * share, faces[1] * share, faces[2] * share]
-}
-
-/// Returns the projected area of a cell: the sum of the areas of its faces, each times |dir| across it.
-#[inline(always)]
-pub(super) fn area<const N: usize, L: Lanes<N>>(faces: [L; 3], dir: [L; 3]) -> L {
-    dir[0] * faces[0] + dir[1] * faces[1] + dir[2] * faces[2]
 }
 
 /// Returns the distances at which rays enter and leave cells. The planes are relative to the origin and moved outward

@@ -6,7 +6,6 @@
 
 use super::ahead;
 use super::hit::{Counters, TriHit};
-use super::rays16::{GROUP, OneRay};
 use super::slab_heuristic::SlabHeuristic;
 use super::stream_start::{self as start, Group};
 use super::stream_step as step;
@@ -14,7 +13,8 @@ use super::{PartFilter, TreeView};
 use crate::math::STREAM;
 use crate::simd::{Op, Simd, dispatch};
 use crate::structure::bvh::layout::{Block, KIND_SHIFT};
-use crate::structure::stream::{Rays16, Stream, boxed};
+use crate::structure::rays16::OneRay;
+use crate::structure::stream::{GROUP, Rays16, Stream, boxed};
 
 /// Number of walks side by side.
 pub(super) const LANES: usize = 64;
@@ -30,7 +30,7 @@ const LEAVES: usize = LANES * 3 / 8;
 /// Entries that a walk still has to visit. A walk that needs more room is restarted as a single ray.
 #[derive(Debug, Clone)]
 #[repr(C, align(64))]
-pub(super) struct Stack {
+pub(in crate::structure) struct Stack {
     pub t: [f32; DEPTH],
     pub child: [u32; DEPTH],
     pub block: [u32; DEPTH],
@@ -43,7 +43,7 @@ pub(super) const NOTHING: u32 = 3 << KIND_SHIFT;
 #[derive(Debug)]
 pub(in crate::structure) struct StreamLanes {
     group: Box<Group>,
-    pub(super) stacks: Box<[Stack; LANES]>,
+    pub(in crate::structure) stacks: Box<[Stack; LANES]>,
     /// State of the heuristic at the start of each call.
     slab_heuristic: SlabHeuristic,
 }
@@ -64,7 +64,7 @@ impl StreamLanes {
 
 /// True if no cell can stand in for any of the first rays.
 fn is_exact(view: &TreeView, stream: &Stream, count: usize) -> bool {
-    !view.accept_missing && stream.rays[..count.div_ceil(GROUP).min(STREAM / GROUP)].iter().all(Rays16::is_exact)
+    !view.accept_missing && stream.groups(count).iter().all(Rays16::is_exact)
 }
 
 impl TreeView<'_> {

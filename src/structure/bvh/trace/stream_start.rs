@@ -11,7 +11,6 @@ use super::coverage::{CoverageTest, may_transmit};
 use super::hit::TriHit;
 use super::kernel::Here;
 use super::oriented_slabs::{self, Eight, Origin, area_shares};
-use super::rays16::{GROUP, Prepared};
 use super::single::{self, stored_planes};
 use super::stand_in::{self, ConeRay, Met, Verdict};
 use super::stream::{BOTTOM, DEPTH, LANES, StreamRun};
@@ -21,6 +20,8 @@ use crate::math::STREAM;
 use crate::simd::{Lanes, Mask, Simd};
 use crate::structure::bvh::layout::{Block, Child, Node, WIDTH};
 use crate::structure::ray::{SLACK, abs};
+use crate::structure::rays16::Prepared;
+use crate::structure::stream::GROUP;
 
 /// Least number of rays for which testing a node for all of them at once pays off. (6 to 12 are as good at some pixels
 /// of error, 12 is best where nothing stands in and models are large.)

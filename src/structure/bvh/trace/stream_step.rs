@@ -8,7 +8,6 @@ use super::coverage::EntryRay;
 use super::hit::{Counters, TriHit};
 use super::kernel::{Here, Seen};
 use super::oriented_slabs::area_shares;
-use super::rays16::OneRay;
 use super::single::{self, CellLanes, CellRay, LeafRay, MetCells, is_better, triangles};
 use super::stand_in;
 use super::stream::{AT_LEAVES, BOTTOM, Counts, DEPTH, EXTERNALS, LANES, NODES, NOTHING, Row, StreamRun, lane, push};
@@ -16,7 +15,9 @@ use crate::math::Cone;
 use crate::math::STREAM;
 use crate::simd::{Lanes, Mask, Simd};
 use crate::structure::bvh::layout::{Block, Child, INDEX_MASK, Node};
+use crate::structure::rays16::OneRay;
 use bytemuck::bytes_of;
+use std::mem::offset_of;
 
 /// Moves a lane to `child` of a block. If the block is not in memory, the lane's ray is left unfinished.
 #[inline(always)]
@@ -245,8 +246,8 @@ fn boxes<S: Simd>(s: S, node: &Node, ray: &OneRay) -> Crossed<S> {
     let mut across = slope;
     let planes = ray.planes();
     for axis in 0..3 {
-        let near = s.bytes8(eight(bytes, planes[axis]));
-        let far = s.bytes8(eight(bytes, planes[axis + 4]));
+        let near = s.bytes8(eight(bytes, row_at(planes[axis])));
+        let far = s.bytes8(eight(bytes, row_at(planes[axis + 4])));
         enter = near.mul_add(slope[axis], near_off[axis]).max(enter);
         leave = far.mul_add(slope[axis], far_off[axis]).min(leave);
         across[axis] = (far - near) * slope[axis];
@@ -281,9 +282,7 @@ fn likely<S: Simd>(s: S, node: &Node, ray: &OneRay, crossed: &Crossed<S>, slack:
 fn cell_lanes<S: Simd>(s: S, ray: &OneRay, max_coord: f32) -> CellLanes<S> {
     let [a, b, x, y, z, org @ ..] = *ray.cone();
     let (inv, planes) = (ray.inv(), ray.planes());
-    // `OneRay` locates planes by bytes in a node, `CellRay` by rows of eight.
-    let near = |axis: usize| (usize::from(planes[axis]) - 16) / 8;
-    let near = [near(0), near(1), near(2)];
+    let near = [usize::from(planes[0]), usize::from(planes[1]), usize::from(planes[2])];
     let ray =
         CellRay { org, inv: [inv[0], inv[1], inv[2]], dir: [x, y, z], near, t_min: ray.t_min(), cone: Cone { a, b } };
     CellLanes::of(s, ray, max_coord)
@@ -402,9 +401,15 @@ fn missing_leaves<S: Simd, const ANY: bool>(s: S, run: &mut StreamRun, row: &Row
     }
 }
 
+/// Returns the byte of a node at which a row of planes begins.
 #[inline(always)]
-fn eight(bytes: &[u8], at: u8) -> &[u8; 8] {
-    let at = usize::from(at) & 63;
+fn row_at(row: u8) -> usize {
+    offset_of!(Node, planes) + 8 * usize::from(row)
+}
+
+#[inline(always)]
+fn eight(bytes: &[u8], at: usize) -> &[u8; 8] {
+    let at = at & 63;
     match bytes[at..at + 8].first_chunk::<8>() {
         Some(eight) => eight,
         None => unreachable!(),

@@ -1,14 +1,13 @@
 //! A ray prepared for walks.
 
+use super::ray::LocalRay;
 use crate::geom::Shear;
 use crate::math::Cone;
-use crate::structure::ray::LocalRay;
-pub(super) use crate::structure::ray::{MAX_DIR, MIN_DIR, abs};
 use glam::Vec3;
 
 /// Bound of the error of a plane's distance in box tests, as a fraction of the greatest magnitude of a coordinate over
 /// the direction. [`PreparedRay::new`] has the derivation.
-pub(super) const BOX_SLACK: f32 = 64.0 / 16_777_216.0;
+pub(in crate::structure) const BOX_SLACK: f32 = 64.0 / 16_777_216.0;
 
 /// A ray prepared for box and triangle tests.
 ///
@@ -25,7 +24,7 @@ pub struct PreparedRay {
     pub off_near: [f32; 3],
     /// Offset of far planes, see the comment of the type.
     pub off_far: [f32; 3],
-    /// For each axis, the row of [`crate::structure::bvh::layout::Node::planes`] that the ray reaches first.
+    /// For each axis, the row of planes (least x, y, z, then greatest) that the ray reaches first.
     pub near: [usize; 3],
     /// Axis order and shear for the triangle test.
     pub shear: Shear,

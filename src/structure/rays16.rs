@@ -1,13 +1,13 @@
 //! Sixteen rays prepared for box and triangle tests at once, field by field.
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
-use super::ray::{BOX_SLACK, MAX_DIR, MIN_DIR, abs};
+use super::prepared::BOX_SLACK;
+use super::ray::{MAX_DIR, MIN_DIR, abs};
+use super::stream::{GROUP, Rays16};
 use crate::simd::{Lanes, Mask, Simd};
-pub(super) use crate::structure::stream::GROUP;
-use crate::structure::stream::Rays16;
 
-/// One prepared ray (see [`super::PreparedRay`]). One cache line holds all data of a box test, a second one the rest.
-/// The fields are words, because sixteen rays are prepared by field and then transposed.
+/// One prepared ray (see [`super::prepared::PreparedRay`]). One cache line holds all data of a box test, a second one
+/// the rest. The fields are words, because sixteen rays are prepared by field and then transposed.
 #[derive(Debug, Clone, Copy)]
 #[repr(C, align(64))]
 pub(super) struct OneRay {
@@ -48,8 +48,8 @@ impl OneRay {
         self.line[13] = t;
     }
 
-    /// Returns, for each axis, the byte in a node at which the row of planes begins that the ray reaches first; from
-    /// the fifth element on, the same for the row that it reaches last.
+    /// Returns, for each axis, the row of planes (least x, y, z, then greatest) that the ray reaches first; from the
+    /// fifth element on, the same for the row that it reaches last.
     #[inline(always)]
     pub fn planes(&self) -> &[u8; 8] {
         let words: &[f32; 2] = first(&self.line[14..]);
@@ -154,13 +154,13 @@ impl Prepared {
     }
 }
 
-/// The byte in a node at which the row of low planes begins, for x, y and z: a byte each.
-const LOW_PLANES: u32 = 0x0020_1810;
-/// Distance in bytes from the low planes of an axis to the high ones.
-const TO_HIGH: u32 = 24;
+/// The rows of the low planes of x, y and z: a byte each.
+const LOW_PLANES: u32 = 0x0002_0100;
+/// Rows from the low planes of an axis to the high ones.
+const TO_HIGH: u32 = 3;
 
 impl Rays16 {
-    /// Prepares all rays like [`super::PreparedRay::new`]; returns the valid ones.
+    /// Prepares all rays like [`super::prepared::PreparedRay::new`]; returns the valid ones.
     #[inline(always)]
     pub(super) fn prepare<S: Simd>(&self, s: S, max_coord: f32, out: &mut Prepared) -> u32 {
         let zero = s.splat16(0.0);

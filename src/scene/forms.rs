@@ -1,0 +1,92 @@
+//! When the form for exact rays of a model (`structure::resident`) is made, and by whom: by the workers of the context,
+//! in the background, once all of the model's geometry is in memory. No call waits for it.
+//!
+//! Small models get theirs when they are opened. Larger ones get it when they are loaded whole by [`Model::load`], or
+//! after [`USES`] jobs for each million of triangles. The budget holds the form beside the blocks; when other data
+//! needs the room, the form goes first, and is not made again within [`PAUSE`].
+
+use super::context::LogLevel;
+use super::model::{Model, WeakModel};
+use crate::base::error::Result;
+use crate::base::tasks::Work;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+/// Most triangles of a model that gets its form when it is opened: making it takes some 0.1 s.
+pub(super) const SMALL: u64 = 2_000_000;
+
+/// Jobs for each million of triangles after which a larger model gets its form.
+const USES: u64 = 4;
+
+/// Least time between two attempts to make a form.
+const PAUSE: Duration = Duration::from_secs(1);
+
+/// The state of a model's form.
+#[derive(Debug, Default)]
+pub(super) struct FormState {
+    /// True while a job makes the form.
+    is_being_made: AtomicBool,
+    /// Jobs that traced the model.
+    uses: AtomicU64,
+    last_attempt: Mutex<Option<Instant>>,
+}
+
+impl FormState {
+    /// Counts a use; true if a model of this size was used often enough.
+    fn counts_enough(&self, triangles: u64) -> bool {
+        let uses = self.uses.fetch_add(1, Relaxed) + 1;
+        triangles <= SMALL || uses >= USES * triangles / 1_000_000
+    }
+
+    /// True if the caller may try to make the form now.
+    fn may_try(&self) -> bool {
+        let mut last = self.last_attempt.lock().unwrap_or_else(PoisonError::into_inner);
+        let may = last.is_none_or(|at| at.elapsed() >= PAUSE);
+        if may {
+            *last = Some(Instant::now());
+        }
+        may
+    }
+}
+
+/// The pool belongs to the context, and the model keeps the context: a job that waits must not keep the model.
+struct MakeForm(WeakModel);
+
+impl Work for MakeForm {
+    fn run(&self, _: usize) -> Result<()> {
+        let Some(model) = self.0.upgrade() else { return Ok(()) };
+        let made = model.make_resident();
+        model.form_state().is_being_made.store(false, Relaxed);
+        if let Err(why) = made {
+            // The blocks serve all rays.
+            model.context().log(LogLevel::Info, &format!("{}: {why}", model.info().name));
+        }
+        Ok(())
+    }
+}
+
+impl Model {
+    /// Starts to make the form for exact rays in the background, if it pays: for a job that is about to trace the
+    /// model.
+    #[inline]
+    pub(super) fn used(&self) {
+        let state = self.form_state();
+        if state.counts_enough(self.info().triangles_stored) {
+            self.begin_form();
+        }
+    }
+
+    /// Starts to make the form for exact rays in the background.
+    pub(super) fn begin_form(&self) {
+        let state = self.form_state();
+        let may = !self.context().is_compact()
+            && self.blocks().companion_bytes() == 0
+            && self.blocks().is_complete()
+            && state.may_try()
+            && !state.is_being_made.swap(true, Relaxed);
+        if may {
+            let _ = self.context().pool().submit(1, Arc::new(MakeForm(self.downgrade())));
+        }
+    }
+}
