@@ -64,6 +64,8 @@ class _Batch:
 
 _STEP = 1 << 18
 """Rays of one call in single precision."""
+
+
 class _Prefetch(Job[Progress]):
     """Reading ahead."""
 
