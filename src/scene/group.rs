@@ -120,6 +120,11 @@ impl Group {
     ) -> Option<Result<u32, Need>> {
         debug_assert!(view.within.is_none(), "a double-precision interval belongs to a single ray");
         // The lengths of the rays are ignored: most have no end.
+        let root = view.scene.placement.top.root().map(NodeRef::target);
+        if let (Some(Target::Placed(placed)), false) = (root, alike.is_one_start()) {
+            // The tree finds out as fast as a beam of many origins whether any ray meets it.
+            return self.trace_in::<ANY>(view, placed, (rays, count), alike, says);
+        }
         let is_few = view.entered(&Beam::of(&rays[..count], alike), f64::INFINITY, &mut self.entered);
         match self.entered[..] {
             [] if is_few => {

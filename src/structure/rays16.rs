@@ -185,14 +185,12 @@ impl Rays16 {
         lines[13] = self.t_max;
         let is_x = size[1].le(size[0]).and(size[2].le(size[0]));
         let is_y = size[2].le(size[1]);
-        let (x, y) = (is_x.bits(), is_y.bits());
-        for i in 0..GROUP {
-            let signs = (!positive[0] >> i & 1) | (!positive[1] >> i & 1) << 8 | (!positive[2] >> i & 1) << 16;
-            lines[14][i] = f32::from_bits(LOW_PLANES + signs * TO_HIGH);
-            lines[15][i] = f32::from_bits(LOW_PLANES + (0x0001_0101 - signs) * TO_HIGH);
-            // Axis of the greatest component: 0 for x, 1 for y, 2 for z.
-            rests[6][i] = f32::from_bits((1 - (x >> i & 1)) * (2 - (y >> i & 1)));
-        }
+        let signs = [zero.le(dir[0]), zero.le(dir[1]), zero.le(dir[2])];
+        lines[14] = rows(s, signs, 0).to_array();
+        lines[15] = rows(s, signs, 0x0001_0101).to_array();
+        // Axis of the greatest component: 0 for x, 1 for y, 2 for z.
+        let axis = s.splat16(f32::from_bits(1)).select(is_y, s.splat16(f32::from_bits(2)));
+        rests[6] = s.splat16(0.0).select(is_x, axis).to_array();
         let [a, b, c] = turned(is_x, is_y, org);
         (rests[0], rests[1], rests[2]) = (a.to_array(), b.to_array(), c.to_array());
         let [a, b, c] = turned(is_x, is_y, dir);
@@ -218,6 +216,23 @@ impl Rays16 {
         }
         ok.bits()
     }
+}
+
+/// Returns the words that name the rows of planes which rays reach first; with all bits in `flip`, last. `positive`:
+/// the rays with directions that are not negative, axis by axis.
+#[inline(always)]
+fn rows<S: Simd>(s: S, positive: [<S::F16 as Lanes<GROUP>>::Mask; 3], flip: u32) -> S::F16 {
+    let [x, y, z] = positive;
+    let low = row(s, flip, 0).select(z, row(s, flip, 4)).select(y, row(s, flip, 2).select(z, row(s, flip, 6)));
+    let high = row(s, flip, 1).select(z, row(s, flip, 5)).select(y, row(s, flip, 3).select(z, row(s, flip, 7)));
+    low.select(x, high)
+}
+
+/// [`rows`] of one combination of signs: a bit of `negative` for each axis.
+#[inline(always)]
+fn row<S: Simd>(s: S, flip: u32, negative: u32) -> S::F16 {
+    let signs = (negative & 1 | (negative & 2) << 7 | (negative & 4) << 14) ^ flip;
+    s.splat16(f32::from_bits(LOW_PLANES + signs * TO_HIGH))
 }
 
 /// Returns the two components that follow the greatest one cyclically, then the greatest: the order of

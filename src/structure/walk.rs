@@ -15,6 +15,23 @@ pub(super) struct Entry {
     pub child: u32,
 }
 
+/// Number of links that walks through the resident form can put aside.
+pub(super) const LINKS: usize = 128;
+
+/// Links that a walk has still to visit, with the distances at which the ray enters them. Eight more than [`LINKS`] are
+/// written.
+#[derive(Debug)]
+pub(super) struct Links {
+    pub t: [f32; LINKS + 8],
+    pub link: [u32; LINKS + 8],
+}
+
+impl Default for Links {
+    fn default() -> Self {
+        Self { t: [0.0; LINKS + 8], link: [0; LINKS + 8] }
+    }
+}
+
 /// The state of one ray in one tree. Reusable: a new ray replaces the previous one and keeps the allocation.
 #[derive(Debug)]
 pub struct Walk {
@@ -23,6 +40,8 @@ pub struct Walk {
     pub(super) best: TriHit,
     /// True if the ray has not left the root.
     pub(super) is_new: bool,
+    /// For the resident form, once it was walked: to clear it for each ray takes longer than many walks.
+    pub(super) links: Option<Box<Links>>,
     /// Work done with this walk.
     pub counters: Counters,
     /// Distance at which a stand-in first transmitted the ray; infinity if none did.
@@ -39,7 +58,15 @@ impl Walk {
     /// A walk for any number of rays.
     pub fn new() -> Self {
         let (ray, best) = (LocalRay::NONE, TriHit::none(0.0));
-        Self { stack: Vec::new(), ray, best, is_new: false, counters: Counters::default(), transmitted: f32::INFINITY }
+        Self {
+            stack: Vec::new(),
+            ray,
+            best,
+            is_new: false,
+            links: None,
+            counters: Counters::default(),
+            transmitted: f32::INFINITY,
+        }
     }
 
     /// Places `ray` at the root of `tree`. An invalid ray (see [`LocalRay::is_valid`]) misses everything.
@@ -51,11 +78,13 @@ impl Walk {
     /// Gives back memory that the walk does not need now.
     pub fn fit(&mut self) {
         self.stack.shrink_to_fit();
+        self.links = None;
     }
 
     /// Bytes of memory in addition to the walk itself.
     pub fn bytes(&self) -> u64 {
-        (self.stack.capacity() * size_of::<Entry>()) as u64
+        let links = if self.links.is_some() { size_of::<Links>() } else { 0 };
+        (self.stack.capacity() * size_of::<Entry>() + links) as u64
     }
 
     /// The best hit so far; [`TriHit::is_hit`] is true if there is one.

@@ -180,7 +180,9 @@ fn alone<S: Simd, const ANY: bool>(
         let i = rays.trailing_zeros() as usize;
         rays &= rays - 1;
         let ray = RayLanes::new(s, &PreparedRay::new(&walk.rays.one(i), tree.form.max_coord));
-        match single::visit::<S, ANY>(s, tree, filter, &ray, link, walk.best(i)) {
+        let best = walk.best(i);
+        let links = walk.alone.links.get_or_insert_default();
+        match single::visit::<S, ANY>(s, tree, filter, &ray, (link, links), best) {
             Some((best, counts)) => {
                 keep(walk, i, &best);
                 single::count(&mut walk.alone.counters, counts);

@@ -8,10 +8,7 @@ use crate::structure::hit::{Counters, TriHit};
 use crate::structure::place::Rooted;
 use crate::structure::prepared::PreparedRay;
 use crate::structure::resident::layout::{LEAF, Node};
-use crate::structure::walk::Walk;
-
-/// Number of entries of the stack.
-const DEPTH: usize = 128;
+use crate::structure::walk::{LINKS, Links, Walk};
 
 pub(super) fn run<const ANY: bool>(tree: Both, filter: Option<&PartFilter>, walk: &mut Walk) -> bool {
     if walk.stack.is_empty() {
@@ -37,7 +34,8 @@ impl<const ANY: bool> Op for Single<'_, ANY> {
     fn run<S: Simd>(self, s: S) -> bool {
         let Self { tree, filter, walk } = self;
         let ray = RayLanes::new(s, &PreparedRay::new(&walk.ray, tree.form.max_coord));
-        match visit::<S, ANY>(s, tree, filter, &ray, 0, walk.best) {
+        let links = walk.links.get_or_insert_default();
+        match visit::<S, ANY>(s, tree, filter, &ray, (0, links), walk.best) {
             Some((best, counts)) => {
                 walk.best = best;
                 count(&mut walk.counters, counts);
@@ -97,13 +95,12 @@ pub(super) fn visit<S: Simd, const ANY: bool>(
     tree: Both,
     filter: Option<&PartFilter>,
     ray: &RayLanes<S>,
-    mut link: u32,
+    (mut link, links): (u32, &mut Links),
     mut best: TriHit,
 ) -> Option<(TriHit, [u32; 3])> {
     let form = tree.form;
     let nodes = &form.nodes[..];
-    // Entries beyond the top by up to eight are written.
-    let (mut ts, mut links) = ([0.0f32; DEPTH + 8], [0u32; DEPTH + 8]);
+    let Links { t: ts, link: links } = links;
     let (mut top, mut count) = (0usize, [0u32; 3]);
     loop {
         if link & LEAF == 0 {
@@ -117,7 +114,7 @@ pub(super) fn visit<S: Simd, const ANY: bool>(
                     link = node.child[first];
                     continue;
                 }
-                if top > DEPTH - 8 {
+                if top > LINKS - 8 {
                     return None;
                 }
                 let second = mask.trailing_zeros() as usize & 7;
