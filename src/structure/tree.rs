@@ -216,9 +216,6 @@ impl<'a> Tree<'a> {
     /// caller calls it for each packet in any case.
     #[inline]
     pub fn closest_in_bundle(&self, filter: Option<&PartFilter>, bundle: &mut Bundle, among: u32) {
-        if self.both(filter).is_some() && bundle.are_exact(among) {
-            return;
-        }
         match &self.blocks {
             Blocks::Bvh(own) => bundle.closest(own, filter, among),
             #[cfg(any(test, feature = "brute"))]

@@ -101,11 +101,6 @@ impl Bundle {
         &mut self.packets[i]
     }
 
-    /// True if no ray of the packets in `among` has a footprint.
-    pub fn are_exact(&self, among: u32) -> bool {
-        self.packets.iter().enumerate().all(|(i, packet)| among >> i & 1 == 0 || packet.is_exact())
-    }
-
     /// Finds the closest hits of those packets in `among` (bit `i`: packet `i`) that can be traversed as one. The
     /// packets must have just been started in `view`. Call [`TreeView::closest_together`] for each packet afterwards in
     /// any case: it finds the remaining hits, which are all hits if the packets cannot be traversed as one.
