@@ -906,8 +906,8 @@ typedef struct oc_query_f32 {
     /** Size of this struct in bytes; OC_INIT sets it. */
     uint32_t struct_size;
     /**
-     * OC_WANT_T, OC_WANT_NORMAL, OC_WANT_UV, OC_WANT_PART, OC_WANT_INSTANCE, OC_WANT_PRIM, combined with `|`. 0: all of
-     * these.
+     * OC_WANT_T, OC_WANT_NORMAL, OC_WANT_UV, OC_WANT_PART, OC_WANT_INSTANCE, OC_WANT_PRIM, combined with `|`. 0: all
+     * of these.
      */
     oc_want want;
     /** OC_QUERY_ flags, combined with `|`. */
@@ -1347,8 +1347,9 @@ typedef struct oc_pixels {
 
 /**
  * Models only have their compact form in memory. Without this flag a model that is in memory as a whole also gets a
- * form in which exact rays are traced faster, made in the background. It takes some 50 to 70 bytes for each triangle, as
- * far as `memory_budget` has room, and is given back when other data needs the room. Answers and pictures are the same.
+ * form in which exact rays are traced faster, made in the background. It takes some 50 to 70 bytes for each triangle,
+ * as far as `memory_budget` has room, and is given back when other data needs the room. Answers and pictures are the
+ * same.
  */
 #define OC_CONTEXT_COMPACT 2
 

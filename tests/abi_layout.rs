@@ -14,6 +14,7 @@ use outcrop::capi::model::{oc_io, oc_model_info, oc_part_info};
 use outcrop::capi::overlap::{oc_overlap, oc_plane};
 use outcrop::capi::pixels::{oc_pixels, oc_target};
 use outcrop::capi::query::{oc_hit, oc_query, oc_ray};
+use outcrop::capi::query_f32::{oc_hit_f32, oc_query_f32, oc_ray_f32, oc_rays_soa};
 use outcrop::capi::report::oc_build_report;
 use outcrop::capi::resolve::oc_resolved;
 use outcrop::capi::scene::{oc_background, oc_light};
@@ -67,7 +68,7 @@ fn layouts() -> Vec<Layout> {
         oc_model_info {
             struct_size, up, bounds_min, bounds_max, metres_per_unit, triangles_in, triangles_stored,
             triangles_placed, file_bytes, geometry_bytes, resident_bytes, parts, instances, blocks, has_colours,
-            has_normals, reserved,
+            has_normals, reserved, fast_form_bytes,
         }
         oc_part_info {
             struct_size, parent, id, name, triangles, bounds_min, bounds_max, colour, metalness, roughness, flags,
@@ -79,6 +80,10 @@ fn layouts() -> Vec<Layout> {
         oc_ray { origin, t_min, t_max, direction, cone_a, cone_b, mask }
         oc_query { struct_size, want, flags, reserved, rays, count, stride }
         oc_hit { t, position, t_free, part, instance, prim, normal, uv, error, kind, shading_normal }
+        oc_ray_f32 { origin, t_min, direction, t_max }
+        oc_rays_soa { origin, direction, t_min, t_max }
+        oc_hit_f32 { t, normal, uv, part, instance, prim, kind }
+        oc_query_f32 { struct_size, want, flags, reserved, rays, columns, count, stride }
         oc_triangle { corners, part, prim, normals, reserved }
         oc_crossing { t, part, instance, prim, normal, uv, error, side, kind }
         oc_part_at { instance, part, winding, holds }

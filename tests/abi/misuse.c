@@ -114,7 +114,7 @@ static oc_context *contexts(void) {
     OC_INIT(&desc);
     desc.instruction_set = 4;
     INVALID(oc_context_create(OC_HEADER_VERSION, &desc, &c));
-    desc.instruction_set = 0, desc.flags = 2;
+    desc.instruction_set = 0, desc.flags = 4;
     INVALID(oc_context_create(OC_HEADER_VERSION, &desc, &c));
     desc.flags = OC_CONTEXT_NO_READ_AHEAD, desc.memory_budget = UINT64_MAX; /* more than there is */
     INVALID(oc_context_create(OC_HEADER_VERSION, &desc, &c));
@@ -808,6 +808,15 @@ static void queries(oc_context *c, oc_scene *s0) {
     INVALID(oc_scene_any_start(s0, NULL, &any, 0, &job));
     INVALID(oc_scene_any_start(s0, &q, NULL, 0, &job));
     INVALID(oc_scene_any_start(s0, &q, &any, 0, NULL));
+    /* tests/abi/single_precision.c has the rest. */
+    oc_query_f32 q32;
+    oc_hit_f32 hit32;
+    OC_INIT(&q32);
+    q32.count = 1;
+    INVALID(oc_scene_closest_f32(s0, &q32, &hit32, 0));
+    INVALID(oc_scene_any_f32(s0, &q32, &any, 0));
+    GARBAGE_SIZES(oc_query_f32, oc_scene_closest_f32(s0, s, &hit32, 0));
+    GARBAGE_SIZES(oc_query_f32, oc_scene_any_f32(s0, s, &any, 0));
     GARBAGE_SIZES(oc_query, oc_scene_closest(s0, s, hit, 0));
     GARBAGE_SIZES(oc_query, oc_scene_any(s0, s, &any, 0));
     GARBAGE_SIZES(oc_query, oc_scene_closest_start(s0, s, hit, 0, &job));
