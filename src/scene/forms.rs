@@ -19,6 +19,9 @@ pub(super) const SMALL: u64 = 2_000_000;
 /// Jobs for each million of triangles after which a larger model gets its form.
 const USES: u64 = 4;
 
+/// Least bytes of a form for each triangle.
+const LEAST_BYTES: u64 = 40;
+
 /// Least time between two attempts to make a form.
 const PAUSE: Duration = Duration::from_secs(1);
 
@@ -30,6 +33,8 @@ pub(super) struct FormState {
     /// Jobs that traced the model.
     uses: AtomicU64,
     last_attempt: Mutex<Option<Instant>>,
+    /// Bytes of a form that did not fit.
+    needs: AtomicU64,
 }
 
 impl FormState {
@@ -37,6 +42,11 @@ impl FormState {
     fn counts_enough(&self, triangles: u64) -> bool {
         let uses = self.uses.fetch_add(1, Relaxed) + 1;
         triangles <= SMALL || uses >= USES * triangles / 1_000_000
+    }
+
+    /// Notes the bytes of a form that does not fit.
+    pub(super) fn refused(&self, bytes: u64) {
+        self.needs.store(bytes, Relaxed);
     }
 
     /// True if the caller may try to make the form now.
@@ -79,11 +89,15 @@ impl Model {
 
     /// Starts to make the form for exact rays in the background.
     pub(super) fn begin_form(&self) {
-        let state = self.form_state();
+        let (state, triangles) = (self.form_state(), self.info().triangles_stored);
+        // To measure a form takes a pass over the model: it must have a chance to fit.
+        let least = state.needs.load(Relaxed).max(LEAST_BYTES * triangles);
         let may = !self.context().is_compact()
+            && triangles > 0
             && self.blocks().companion_bytes() == 0
             && self.blocks().is_complete()
             && state.may_try()
+            && self.blocks().companion_room(least).is_some()
             && !state.is_being_made.swap(true, Relaxed);
         if may {
             let _ = self.context().pool().submit(1, Arc::new(MakeForm(self.downgrade())));

@@ -327,6 +327,9 @@ impl Model {
         let mut room = None;
         let take = |bytes: u64| {
             room = blocks.companion_room(bytes);
+            if room.is_none() {
+                self.0.form.refused(bytes);
+            }
             room.is_some()
         };
         let forms = open::resident_forms(&self.0.trees, &there, take)?;
