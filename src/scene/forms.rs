@@ -9,6 +9,8 @@ use super::context::LogLevel;
 use super::model::{Model, WeakModel};
 use crate::base::error::Result;
 use crate::base::tasks::Work;
+use crate::residency::CompanionRoom;
+use crate::structure::{Forms, Made, MakeForms, Visit};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -41,7 +43,7 @@ impl FormState {
     /// Counts a use; true if a model of this size was used often enough.
     fn counts_enough(&self, triangles: u64) -> bool {
         let uses = self.uses.fetch_add(1, Relaxed) + 1;
-        triangles <= SMALL || uses >= USES * triangles / 1_000_000
+        triangles <= SMALL || uses >= triangles / (1_000_000 / USES)
     }
 
     /// Notes the bytes of a form that does not fit.
@@ -61,22 +63,83 @@ impl FormState {
 }
 
 /// The pool belongs to the context, and the model keeps the context: a job that waits must not keep the model.
-struct MakeForm(WeakModel);
+struct MakeForm {
+    model: WeakModel,
+    making: Mutex<Making>,
+    has_more: AtomicBool,
+}
+
+/// A form in the making, and the memory for it.
+#[derive(Default)]
+struct Making {
+    forms: MakeForms,
+    room: Option<CompanionRoom>,
+}
+
+/// Nodes and leaves that a worker adds before it turns to other work: some 0.2 ms.
+const STEPS: usize = 512;
 
 impl Work for MakeForm {
     fn run(&self, _: usize) -> Result<()> {
-        let Some(model) = self.0.upgrade() else { return Ok(()) };
-        let made = model.make_resident();
-        model.form_state().is_being_made.store(false, Relaxed);
-        if let Err(why) = made {
+        let Some(model) = self.model.upgrade() else { return Ok(()) };
+        let step = model.step_form(&mut self.making.lock().unwrap_or_else(PoisonError::into_inner));
+        let has_more = matches!(step, Ok(None));
+        self.has_more.store(has_more, Relaxed);
+        if !has_more {
+            model.form_state().is_being_made.store(false, Relaxed);
+        }
+        if let Err(why) = step {
             // The blocks serve all rays.
             model.context().log(LogLevel::Info, &format!("{}: {why}", model.info().name));
         }
         Ok(())
     }
+
+    fn round_done(&self) -> Result<usize> {
+        Ok(usize::from(self.has_more.swap(false, Relaxed)))
+    }
 }
 
 impl Model {
+    /// Makes the form for exact rays of all trees, if all geometry is in memory and the budget has room beside it. The
+    /// form is given back when the room is needed. Returns false if it was not made. Fails with `NoMemory`.
+    pub fn make_resident(&self) -> Result<bool> {
+        let mut making = Making::default();
+        loop {
+            if let Some(is_made) = self.step_form(&mut making)? {
+                return Ok(is_made);
+            }
+        }
+    }
+
+    /// Goes on to make the form. Returns true once it is there, and false if it cannot be made; `None` if there is more
+    /// to do.
+    fn step_form(&self, making: &mut Making) -> Result<Option<bool>> {
+        let (blocks, there) = (self.blocks(), self.blocks().snapshot());
+        if there.companion::<Forms>().is_some() {
+            return Ok(Some(true));
+        }
+        let (trees, isa) = (self.trees(), self.context().isa());
+        let tree = |index: usize| trees.get(index).map(|tree| tree.view(&there, isa, Visit::default()));
+        match making.forms.go_on(tree, STEPS)? {
+            Made::Some => Ok(None),
+            Made::Nothing => Ok(Some(false)),
+            Made::Measured(bytes) => {
+                making.room = blocks.companion_room(bytes);
+                if making.room.is_none() {
+                    self.form_state().refused(bytes);
+                }
+                Ok(if making.room.is_some() { None } else { Some(false) })
+            }
+            Made::All(forms) => {
+                let Some(room) = making.room.take() else { return Ok(Some(false)) };
+                debug_assert!(forms.bytes() <= room.bytes() + 4096);
+                drop(there);
+                Ok(Some(blocks.put_companion(Box::new(forms), room)))
+            }
+        }
+    }
+
     /// Starts to make the form for exact rays in the background, if it pays: for a job that is about to trace the
     /// model.
     #[inline]
@@ -91,7 +154,7 @@ impl Model {
     pub(super) fn begin_form(&self) {
         let (state, triangles) = (self.form_state(), self.info().triangles_stored);
         // To measure a form takes a pass over the model: it must have a chance to fit.
-        let least = state.needs.load(Relaxed).max(LEAST_BYTES * triangles);
+        let least = state.needs.load(Relaxed).max(triangles.saturating_mul(LEAST_BYTES));
         let may = !self.context().is_compact()
             && triangles > 0
             && self.blocks().companion_bytes() == 0
@@ -100,7 +163,8 @@ impl Model {
             && self.blocks().companion_room(least).is_some()
             && !state.is_being_made.swap(true, Relaxed);
         if may {
-            let _ = self.context().pool().submit(1, Arc::new(MakeForm(self.downgrade())));
+            let make = MakeForm { model: self.downgrade(), making: Mutex::default(), has_more: AtomicBool::new(false) };
+            let _ = self.context().pool().submit(1, Arc::new(make));
         }
     }
 }

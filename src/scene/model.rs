@@ -17,7 +17,7 @@ use crate::store::contents::Kind;
 use crate::store::directory::Row;
 use crate::store::{FileSource, Header, InstanceRow, ModelFile, Outline, Part, PartRow, PartSets, Source, TreeRow};
 use crate::structure::open::{self, Opened, StoredTree};
-use crate::structure::{Forms, Tree, Visit};
+use crate::structure::{Tree, Visit};
 use glam::{DAffine3, DMat3, DVec3};
 use std::ops::Deref;
 use std::path::Path;
@@ -315,28 +315,6 @@ impl Model {
     /// The state of the form for exact rays.
     pub(super) fn form_state(&self) -> &FormState {
         &self.0.form
-    }
-
-    /// Makes the form for exact rays of all trees, if all geometry is in memory and the budget has room beside it. The
-    /// form is given back when the room is needed. Returns false if it was not made. Fails with `NoMemory`.
-    pub fn make_resident(&self) -> Result<bool> {
-        let (blocks, there) = (&self.0.blocks, self.0.blocks.snapshot());
-        if there.companion::<Forms>().is_some() {
-            return Ok(true);
-        }
-        let mut room = None;
-        let take = |bytes: u64| {
-            room = blocks.companion_room(bytes);
-            if room.is_none() {
-                self.0.form.refused(bytes);
-            }
-            room.is_some()
-        };
-        let forms = open::resident_forms(&self.0.trees, &there, take)?;
-        drop(there);
-        let (Some(forms), Some(room)) = (forms, room) else { return Ok(false) };
-        debug_assert!(forms.bytes() <= room.bytes() + 4096);
-        Ok(blocks.put_companion(Box::new(forms), room))
     }
 
     /// Reads, decodes and validates all of its geometry and the links between its blocks, and compares the parts of

@@ -46,7 +46,7 @@ pub use packet::PacketWalk;
 pub use par::Par;
 pub use place::{Place, Rooted};
 pub use ray::{LocalRay, USUAL_DIRS};
-pub use resident::{Forms, Resident};
+pub use resident::{Forms, Made, MakeForms, Resident};
 pub use stream::Stream;
 pub use tree::{Blocks, Bundle, NEVER, Tree, Visit};
 pub use walk::Walk;

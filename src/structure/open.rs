@@ -5,7 +5,7 @@ use super::Structure;
 use super::brute;
 use super::bvh;
 use super::place::Place;
-use super::resident::{self, Forms};
+use super::resident::Forms;
 use super::tree::{Blocks, Tree, Visit};
 use crate::base::error::{Error, Result};
 use crate::base::ids::BlockId;
@@ -74,36 +74,6 @@ pub fn open(file: &ModelFile) -> Result<Opened> {
     let mut trees = room(file.trees().len(), "the trees of a model")?;
     (0..).zip(file.trees()).try_for_each(|(index, row)| start(index, row).map(|tree| trees.push(tree)))?;
     Ok(Opened { decoder, trees })
-}
-
-/// Returns the forms for exact rays of all trees that have one, made from a snapshot of all their blocks; `None` if a
-/// block is missing. `room` is told the bytes of all forms, once they are known, and says whether they fit. Fails with
-/// `NoMemory`.
-pub fn resident_forms(
-    trees: &[StoredTree],
-    snapshot: &Snapshot,
-    room: impl FnOnce(u64) -> bool,
-) -> Result<Option<Forms>> {
-    let views = || trees.iter().map(|tree| tree.view(snapshot, Isa::best(), Visit::default()));
-    let mut sizes = self::room(trees.len(), resident::WHAT)?;
-    for tree in views() {
-        match resident::build::measure(&tree) {
-            Ok(size) => sizes.push(size),
-            Err(_missing) => return Ok(None),
-        }
-    }
-    if !room(sizes.iter().flatten().map(resident::build::Size::bytes).sum()) {
-        return Ok(None);
-    }
-    let mut forms = self::room(trees.len(), resident::WHAT)?;
-    for (tree, size) in views().zip(sizes) {
-        let form = size.map(|size| resident::build::build(&tree, size)).transpose();
-        match form? {
-            Some(None) => return Ok(None),
-            form => forms.push(form.flatten()),
-        }
-    }
-    Ok(Some(Forms(forms)))
 }
 
 /// Bytes of memory for `trees` opened trees, those of the decoder included.

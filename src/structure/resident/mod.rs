@@ -9,28 +9,12 @@
 //! which form its hit was found. The one exception is a sliver hit edge-on, as in `bvh::trace`.
 
 pub mod build;
+mod forms;
 pub mod layout;
 pub mod trace;
 
+pub use forms::{Forms, Made, MakeForms};
 pub use layout::Resident;
 
 /// For error messages.
 pub(super) const WHAT: &str = "the form for exact rays of a model";
-
-/// The resident forms of the trees of a model, in the order of the file's table. Some trees may have none.
-#[derive(Debug)]
-pub struct Forms(pub Vec<Option<Resident>>);
-
-impl Forms {
-    /// The form of a tree.
-    #[inline(always)]
-    pub fn of(&self, tree: u32) -> Option<&Resident> {
-        self.0.get(tree as usize)?.as_ref()
-    }
-
-    /// Bytes of memory.
-    pub fn bytes(&self) -> u64 {
-        let forms: u64 = self.0.iter().flatten().map(Resident::bytes).sum();
-        forms + (self.0.capacity() * size_of::<Option<Resident>>()) as u64
-    }
-}
