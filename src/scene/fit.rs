@@ -125,6 +125,10 @@ pub struct Fit {
 /// The usual [`Fit::margin`].
 pub const MARGIN: f64 = 0.05;
 
+/// Least size of what a camera is fitted to; what is smaller counts as a point. Rays are in single precision, in which
+/// squares of such lengths are lost.
+const LEAST_SIZE: f64 = 1e-18;
+
 /// Least distance from the eye to the content, as a fraction of the content's size.
 const LEAST_AHEAD: f64 = 1e-3;
 
@@ -316,7 +320,7 @@ impl Supports {
         // Points have no size: any does that leaves enough digits.
         let size = wide.max(high).max(depth);
         let reach = place(0.0).abs().max_element();
-        let is_point = size <= reach * 1e-12;
+        let is_point = size <= (reach * 1e-12).max(LEAST_SIZE);
         let size = if is_point { (reach * 1e-6).max(1.0) } else { size };
         let at = place((far - near) * 0.5);
         match fit.lens {
