@@ -28,7 +28,7 @@ const LEAST_BYTES: u64 = 40;
 const PAUSE: Duration = Duration::from_secs(1);
 
 /// The state of a model's form.
-#[derive(Debug, Default)]
+#[derive(Default)]
 pub(super) struct FormState {
     /// True while a job makes the form.
     is_being_made: AtomicBool,
@@ -37,6 +37,8 @@ pub(super) struct FormState {
     last_attempt: Mutex<Option<Instant>>,
     /// Bytes of a form that did not fit.
     needs: AtomicU64,
+    /// The form that the job makes: it goes with the model, also while no worker runs.
+    making: Mutex<Making>,
 }
 
 impl FormState {
@@ -65,7 +67,6 @@ impl FormState {
 /// The pool belongs to the context, and the model keeps the context: a job that waits must not keep the model.
 struct MakeForm {
     model: WeakModel,
-    making: Mutex<Making>,
     has_more: AtomicBool,
 }
 
@@ -82,12 +83,16 @@ const STEPS: usize = 512;
 impl Work for MakeForm {
     fn run(&self, _: usize) -> Result<()> {
         let Some(model) = self.model.upgrade() else { return Ok(()) };
-        let step = model.step_form(&mut self.making.lock().unwrap_or_else(PoisonError::into_inner));
+        let mut making = model.form_state().making.lock().unwrap_or_else(PoisonError::into_inner);
+        let step = model.step_form(&mut making);
         let has_more = matches!(step, Ok(None));
         self.has_more.store(has_more, Relaxed);
         if !has_more {
+            *making = Making::default();
             model.form_state().is_being_made.store(false, Relaxed);
         }
+        // The host's function is called under no lock.
+        drop(making);
         if let Err(why) = step {
             // The blocks serve all rays.
             model.context().log(LogLevel::Info, &format!("{}: {why}", model.info().name));
@@ -163,7 +168,7 @@ impl Model {
             && self.blocks().companion_room(least).is_some()
             && !state.is_being_made.swap(true, Relaxed);
         if may {
-            let make = MakeForm { model: self.downgrade(), making: Mutex::default(), has_more: AtomicBool::new(false) };
+            let make = MakeForm { model: self.downgrade(), has_more: AtomicBool::new(false) };
             let _ = self.context().pool().submit(1, Arc::new(make));
         }
     }
