@@ -2565,7 +2565,7 @@ oc_status oc_scene_any_start(const struct oc_scene *scene,
 
 /**
  * Finds the closest hit of each ray in the committed scene, as oc_scene_closest does, for rays in single precision.
- * The hits are those of oc_scene_closest, rounded. They take a quarter of its memory, and less time.
+ * The hits are those of oc_scene_closest, rounded. A ray takes 32 bytes instead of 64, a hit 40 instead of 104.
  *
  * - `query`: the rays and options. Initialise it with OC_INIT.
  * - `out_hits`: receives one hit for each ray. Must not overlap the rays. Do not use it if the call fails.

@@ -5,7 +5,7 @@
 
 use super::account::Charge;
 use super::blocks::{Inner, ModelBlocks};
-use super::core::{After, Residency, Shared, State};
+use super::core::{After, Shared, State};
 use std::any::Any;
 use std::sync::{Arc, Weak};
 
@@ -46,12 +46,6 @@ impl CompanionRoom {
     pub fn bytes(&self) -> u64 {
         self.bytes
     }
-
-    /// Gives back the bytes above `bytes`.
-    pub fn shrink_to(&mut self, bytes: u64) {
-        drop(self.charge.split(self.bytes.saturating_sub(bytes)));
-        self.bytes = self.bytes.min(bytes);
-    }
 }
 
 /// Part of the budget that companions leave free.
@@ -81,23 +75,9 @@ impl ModelBlocks {
         done
     }
 
-    /// Gives the companion back.
-    pub fn drop_companion(&self) {
-        let (shared, mut after) = (&self.inner.residency, After::default());
-        shared.lock().publish_companion(shared, &self.inner, None, &mut after);
-        after.run(shared);
-    }
-
     /// Bytes of the companion.
     pub fn companion_bytes(&self) -> u64 {
         self.snapshot().companion_bytes()
-    }
-}
-
-impl Residency {
-    /// Bytes of all companions.
-    pub fn companion_bytes(&self) -> u64 {
-        self.shared().lock().companions
     }
 }
 

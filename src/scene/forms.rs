@@ -1,5 +1,5 @@
-//! When the form for exact rays of a model (`structure::resident`) is made, and by whom: by the workers of the context,
-//! in the background, once all of the model's geometry is in memory. No call waits for it.
+//! The moment at which a model gets its form for exact rays (`structure::resident`). Workers of the context make the
+//! form in the background once all geometry of the model is in memory. No call waits for it.
 //!
 //! Small models get theirs when they are opened. Larger ones get it when they are loaded whole by [`Model::load`], or
 //! after [`USES`] jobs for each million of triangles. The budget holds the form beside the blocks; when other data
@@ -15,7 +15,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Most triangles of a model that gets its form when it is opened: making it takes some 0.1 s.
+/// Most triangles of a model that gets its form when it is opened. (A triangle takes 0.13 to 0.36 µs of one core.)
 pub(super) const SMALL: u64 = 2_000_000;
 
 /// Jobs for each million of triangles after which a larger model gets its form.

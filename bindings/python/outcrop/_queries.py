@@ -127,7 +127,7 @@ class Queries(Handle):
         want: of Want.T, NORMAL, UV, PART, INSTANCE, PRIM. 0: all of these.
         out: memory for the hits: writeable, dtype HIT_F32, of the shape of the rays.
 
-        Takes less memory and time than `closest`. Ctrl-C raises KeyboardInterrupt.
+        Takes less memory than `closest`. Ctrl-C raises KeyboardInterrupt.
         """
         return self._in_single(lib.oc_scene_closest_f32, rays, want, coherent, now, out, HIT_F32)
 
