@@ -35,6 +35,12 @@ pub struct TriHit {
 }
 
 impl TriHit {
+    /// Orders the triangles of a tree: by block, then by item.
+    #[inline]
+    pub(super) fn place(&self) -> (u32, u32) {
+        (self.block, self.tri)
+    }
+
     /// No hit up to `t_max`.
     pub const fn none(t_max: f32) -> Self {
         Self { t: t_max, u: 0.0, v: 0.0, block: u32::MAX, tri: 0 }

@@ -223,6 +223,11 @@ impl<'a> Tree<'a> {
         }
     }
 
+    /// True if exact rays walk the [resident](super::resident) form.
+    pub fn has_form(&self) -> bool {
+        self.resident.is_some()
+    }
+
     /// Returns the triangle of a hit; `None` if its block has left the snapshot. Always inlined: a call would write the
     /// struct in small pieces and read it in large ones, which stalls.
     #[inline(always)]
@@ -348,12 +353,13 @@ impl<'a> Tree<'a> {
 }
 
 impl Blocks<'_> {
-    /// Decides between hits on triangles at equal distance: true if `hit` has the lower primitive id. Fails with a
-    /// block that is needed for the ids.
+    /// Decides between hits on triangles at equal distance: true if `hit` has the lower primitive id. Of references to
+    /// the same primitive, which a split divides, that in the lower place counts. Fails with a block that is needed for
+    /// the ids.
     pub(super) fn precedes(&self, hit: &TriHit, best: &TriHit) -> Result<bool, BlockId> {
         match (of_each!(self, own => own.prim(hit)), of_each!(self, own => own.prim(best))) {
-            (Ok(a), Ok(b)) => Ok(a < b),
-            (a, b) => Ok(a? < b?),
+            (Ok(a), Ok(b)) => Ok((a, hit.place()) < (b, best.place())),
+            (a, b) => Ok((a?, hit.place()) < (b?, best.place())),
         }
     }
 }

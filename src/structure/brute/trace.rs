@@ -228,10 +228,10 @@ impl<'a> TreeView<'a> {
         }
         walk.counters.ties += 1;
         match (self.prim(hit), self.prim(best)) {
-            (Ok(a), Ok(b)) => Ok(a < b),
+            (Ok(a), Ok(b)) => Ok((a, hit.place()) < (b, best.place())),
             // Walks that never wait decide by block and item instead.
             _ if self.visit.accept_missing => Ok((hit.block, hit.tri) < (best.block, best.tri)),
-            (a, b) => Ok(a? < b?),
+            (a, b) => Ok((a?, hit.place()) < (b?, best.place())),
         }
     }
 
