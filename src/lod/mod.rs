@@ -23,6 +23,6 @@ pub use fill::{Fill, LEAST, LESS, holds, limit, sure_from};
 pub use oriented_slabs::{
     Content, FIELDS, LEVEL, Middle, OrientedSlab, OrientedSlabs, fields, normal_bytes, oriented_slabs,
 };
-pub use seen::{Facing, blended_colour, shares, visible};
+pub use seen::{Facing, blended_colour, mean_cosine, shares, visible};
 pub use support::farthest;
 pub use voxel::{Facet, Voxel, summary_bit};

@@ -69,7 +69,7 @@ impl Facing {
 
     /// Mean cosine between the normals and a unit direction. Normals that face away count as 0.
     pub fn cosine(&self, to: Vec3) -> f32 {
-        self.normals.iter().zip(self.shares).map(|(n, share)| share * lit(*n, to)).sum()
+        self.normals.iter().zip(self.shares).map(|(n, share)| share * mean_cosine(*n, to)).sum()
     }
 }
 
@@ -96,7 +96,7 @@ pub fn visible(normal: Vec3, likeness: f32, to_eye: Vec3) -> Vec3 {
 /// Mean cosine between `to` and normals with mean `mean`; normals that face away count as 0. The cosines are assumed to
 /// be uniformly distributed, with a variance that the length of the mean determines.
 #[inline(always)]
-fn lit(mean: Vec3, to: Vec3) -> f32 {
+pub fn mean_cosine(mean: Vec3, to: Vec3) -> f32 {
     let (cosine, square) = (mean.dot(to), mean.length_squared());
     // Only the two components across the mean vary. The component along it hardly varies, because the mean is that of
     // the visible normals.

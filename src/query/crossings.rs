@@ -350,7 +350,7 @@ fn crossing(placed: &Placed, triangle: &Triangle, ray: &Ray, t: f64) -> Crossing
         prim: NONE,
         normal: WorldNormal::new(placed, &triangle.vertices).facing(ray.dir),
         uv: meeting.weights.map(|w| w as f32),
-        error: meeting.error(placed, ray),
+        error: meeting.error(placed, ray.origin, ray.dir),
         side: Side::Front,
         kind: HitKind::Missing,
     }

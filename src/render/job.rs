@@ -14,7 +14,6 @@ use super::film::{Buffer, Film};
 use super::frame::FrameSettings;
 use super::integrators::Integrator;
 use super::integrators::direct::{Asks, Direct, Scratch};
-use super::integrators::plain;
 use super::merged::Merged;
 use super::passes::{Next, Now, Passes, Seen};
 use super::status::Progress;
@@ -24,6 +23,7 @@ use crate::base::error::{Error, Result};
 use crate::base::tasks::{Ending, Job, Work};
 use crate::math::srgb::Srgb;
 use crate::residency::{ForRequest, View, ViewState, Wanted};
+use crate::scene::LightKind;
 use crate::scene::SceneState;
 use crate::scene::camera::PixelRays;
 use crate::scene::placed::Placed;
@@ -123,7 +123,7 @@ struct Running {
     /// True while the thread that waits for the request reads blocks. That thread then checks for news itself.
     is_read_for: bool,
     job: Option<Job>,
-    free: Vec<Box<TileScratch>>,
+    free: Vec<TileScratch>,
 }
 
 /// A worker's memory for a tile.
@@ -488,8 +488,8 @@ impl Work for Request {
             (index, passes.is_probe, only, effort, pressure, stamp, accept_missing, snapshots, running.free.pop())
         };
         let tile = self.corners[index];
-        let mut tile_scratch = tile_scratch
-            .unwrap_or_else(|| Box::new(TileScratch { pixels: TilePixels::new(), scratch: Scratch::new() }));
+        let mut tile_scratch =
+            tile_scratch.unwrap_or_else(|| TileScratch { pixels: TilePixels::new(), scratch: Scratch::new() });
         let wanted = film.wanted();
         let any = |buffers: &[Buffer]| buffers.iter().any(|b| wanted.has(*b));
         let view = SceneView { accept_missing, stop: &self.stop, ..SceneView::new(&self.scene, &snapshots, stamp) };
@@ -510,12 +510,12 @@ impl Work for Request {
             srgb: &self.srgb,
             tone: self.settings.tone(),
             asks,
-            plain: !self.is_fine && plain::is_plain(&view, &self.rays, asks),
+            casts: self.scene.lights.iter().any(|light| light.kind != LightKind::Headlight),
             is_fine: self.is_fine,
             within: self.rays.rectangle_of(&self.scene.bounds_of_hits()),
         });
         let stop = || self.stop.load(Relaxed);
-        let TileScratch { pixels, scratch } = &mut *tile_scratch;
+        let TileScratch { pixels, scratch } = &mut tile_scratch;
         scratch.wants.clear();
         let merged = if is_probe {
             TilePixels::probe(&integrator, tile, scratch);

@@ -49,7 +49,7 @@ fn behind_eye(scene: &SceneState, ray: &Ray) -> Option<f64> {
     }
     let (triangle, _) = view.triangle(&found).ok()?;
     let placed = &scene.placement.placed[found.placed as usize];
-    is_at_origin(placed, &triangle, ray).then(|| found.t + placed.extent() * LEAVE)
+    is_at_origin(placed, &triangle.vertices, ray.origin).then(|| found.t + placed.extent() * LEAVE)
 }
 /// Greatest radius of [`pick_near`], in pixels.
 pub const MOST_RADIUS: f64 = 32.0;

@@ -43,7 +43,12 @@ impl Beam {
 
     /// The beam of rays from one point with directions between extremes.
     pub fn from_point(eye: DVec3, dirs: [[f32; 2]; 3], t_min: f64, mask: u32) -> Self {
-        Self::between([eye; 2], dirs.map(|ends| ends.map(f64::from)), t_min, mask)
+        Self::from_points([eye; 2], dirs, t_min, mask)
+    }
+
+    /// The beam of rays with origins and directions between extremes.
+    pub fn from_points(origins: [DVec3; 2], dirs: [[f32; 2]; 3], t_min: f64, mask: u32) -> Self {
+        Self::between(origins, dirs.map(|ends| ends.map(f64::from)), t_min, mask)
     }
 
     /// The beam of `rays`, at least one; `alike` holds their common traits.

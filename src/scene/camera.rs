@@ -160,10 +160,7 @@ impl PixelRays {
             let (dir, width) = self.toward(x, y);
             Ray { cone: Cone { a: 0.0, b: width }, ..Ray::new(self.eye, dir) }
         } else {
-            Ray {
-                cone: Cone { a: self.pixel as f32, b: 0.0 },
-                ..Ray::new(self.eye + self.offset(x, y), self.forward.as_vec3())
-            }
+            Ray { cone: Cone { a: self.pixel as f32, b: 0.0 }, ..Ray::new(self.origin(x, y), self.forward.as_vec3()) }
         }
     }
 
@@ -235,6 +232,12 @@ impl PixelRays {
     #[inline(always)]
     fn across(&self, x: f64, y: f64) -> DVec3 {
         self.forward + self.offset(x, y)
+    }
+
+    /// Origin of the ray through a picture point; for orthographic cameras.
+    #[inline(always)]
+    pub fn origin(&self, x: f64, y: f64) -> DVec3 {
+        self.eye + self.offset(x, y)
     }
 
     #[inline(always)]

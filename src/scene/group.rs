@@ -6,10 +6,11 @@ use super::alike::Alike;
 use super::beam::Beam;
 use super::packet::ScenePacket;
 use super::placed::Placed;
+use super::ray_rows::RayRows;
 use super::top::{NodeRef, Target};
 use super::walk::{Found, NOTHING, Need, SceneView, Step};
 use crate::math::{DBounds, PACKET, Ray, bits, first_rays};
-use crate::structure::{LocalRay, Outcome, PacketWalk, PartFilter, Tree};
+use crate::structure::{LocalRay, LocalRays, Outcome, PacketWalk, PartFilter, Rooted, Tree};
 use glam::DVec3;
 
 /// Shift and scale of rays that were not moved.
@@ -18,6 +19,8 @@ const UNMOVED: (f64, f64) = (0.0, 1.0);
 /// Up to a packet's rays, traced as one packet in a scene. Reusable.
 pub(crate) struct Group {
     walk: Box<PacketWalk>,
+    rows: Box<RayRows>,
+    local: Box<LocalRays>,
     /// A second walk, for rays that cannot go in the same packet.
     others: Box<PacketWalk>,
     /// The placed tree that `walk` was in, if the rays enter no other.
@@ -34,6 +37,8 @@ impl Default for Group {
     fn default() -> Self {
         Self {
             walk: Box::default(),
+            rows: Box::new(RayRows::NONE),
+            local: Box::new(LocalRays::NONE),
             others: Box::default(),
             only: None,
             moved: [UNMOVED; PACKET],
@@ -147,6 +152,29 @@ impl Group {
         }
     }
 
+    /// Traces the rays of `among` as a packet, or singly where they are not coherent; overwrites the others. Returns the
+    /// rays that hit something.
+    pub fn trace_among<const ANY: bool>(
+        &mut self,
+        view: &SceneView,
+        rays: &mut [Ray; PACKET],
+        among: u32,
+    ) -> Result<u32, Need> {
+        let Some(first) = bits(among).next() else { return Ok(0) };
+        // A packet's rays are alike.
+        let first = rays[first];
+        bits(!among).for_each(|i| rays[i] = first);
+        if let Some(met) = self.trace::<ANY>(view, rays, PACKET, &Alike::of(rays), true) {
+            return met.map(|met| met & among);
+        }
+        self.only = None;
+        self.scene.begin(view, rays, among);
+        match view.trace_packet::<ANY>(rays, &mut self.scene) {
+            Step::Pending(need) => Err(need),
+            Step::Done => Ok(bits(among).filter(|&i| self.scene.best(i).is_hit()).fold(0, |all, i| all | 1 << i)),
+        }
+    }
+
     /// True if the rays are coherent in the first of the trees that they enter.
     fn are_near(&mut self, view: &SceneView, placed: u32, rays: (&[Ray; PACKET], usize), alike: &Alike) -> bool {
         let tree = view.tree(placed);
@@ -166,16 +194,28 @@ impl Group {
     ) {
         let p = &view.scene.placement.placed[placed as usize];
         let seen_by = view.seen_by(placed);
-        let Self { walk, moved, is_moved, .. } = self;
-        let one_start = one_start(p, &rays[0], alike, seen_by);
-        let is_unmoved = set_unmoved(p, tree, (rays, count), (alike, one_start), (seen_by, view.widen_interval), walk);
-        *is_moved = !(is_unmoved && walk.is_within(tree, count, p.near()));
-        let active = if *is_moved {
-            set_moved(p, &rays[..count], (seen_by, view.widen_interval), walk, moved)
-        } else {
-            first_rays(count)
-        };
-        walk.start(tree, active);
+        let Self { walk, rows, local, moved, is_moved, .. } = self;
+        if let Some(start) = one_start(p, &rays[0], alike, seen_by)
+            && set_from(start, p, tree, (rays, count), (alike, view.widen_interval), walk)
+        {
+            *is_moved = false;
+            return walk.start(tree, first_rays(count));
+        }
+        let (mut among, mut best) = (0, [0.0; PACKET]);
+        for (i, ray) in rays.iter().enumerate().take(count) {
+            rows.set(i, ray);
+            best[i] = ray.t_max;
+            among |= u32::from(ray.mask & seen_by != 0) << i;
+        }
+        *is_moved = false;
+        let inside = rows.take_all_into_tree(tree.isa(), p, among, (&best, view.widen_interval), local, |i, way| {
+            if !*is_moved {
+                (*is_moved, *moved) = (true, [UNMOVED; PACKET]);
+            }
+            moved[i] = way;
+        });
+        walk.set_rows(local);
+        walk.start(tree, inside);
     }
 
     /// [`Group::trace`] of rays that enter one placed tree.
@@ -234,7 +274,7 @@ impl Group {
         rays: &CameraRays,
         active: u32,
     ) -> Option<Result<u32, Need>> {
-        self.only = Some(camera.placed);
+        self.only = Some(camera.number);
         let Self { walk, others, .. } = self;
         self.is_moved = false;
         let (mut are_apart, mut left) = (false, active);
@@ -273,6 +313,17 @@ impl Group {
     #[inline]
     pub fn distance(&self, i: usize) -> f64 {
         if self.only.is_none() { self.scene.best(i).t } else { self.in_world(i, self.walk.distances()[i]) }
+    }
+
+    /// The distances of all rays to their hits in the [only](Self::only) tree.
+    #[inline]
+    pub fn distances_in_tree(&self, out: &mut [f64; PACKET]) {
+        let t = self.walk.distances();
+        if self.is_moved {
+            (0..PACKET).for_each(|i| out[i] = self.in_world(i, t[i]));
+        } else {
+            (0..PACKET).for_each(|i| out[i] = f64::from(t[i]));
+        }
     }
 
     #[inline]
@@ -318,37 +369,48 @@ impl Group {
     }
 }
 
-/// Rays of a camera that all begin at `eye` and are near each other.
+/// Rays of a camera that are near each other.
 pub(crate) struct CameraRays<'a> {
-    pub eye: DVec3,
-    /// Directions, axis by axis.
-    pub dir: &'a [[f32; PACKET]; 3],
-    /// Width of each ray's footprint at distance 1.
-    pub width: &'a [f32; PACKET],
+    /// The rays, with unit directions.
+    pub rays: &'a RayRows,
+    /// Their common origin, if they share one.
+    pub eye: Option<DVec3>,
 }
 
-/// A placed tree that is visible to a camera's rays and in which they only need to be translated.
+/// A placed tree that is visible to a camera's rays and in which they have the same distances as in the world.
 pub(crate) struct CameraTree<'a> {
-    pub placed: u32,
-    offset: DVec3,
-    near: f32,
+    pub number: u32,
+    placed: &'a Placed,
     pub tree: Tree<'a>,
     pub filter: Option<PartFilter<'a>>,
 }
 
 impl<'a> CameraTree<'a> {
-    /// The placed tree `placed`; `None` if its frame is not only translated.
-    pub fn of(view: &SceneView<'a>, placed: u32) -> Option<Self> {
-        let p = &view.scene.placement.placed[placed as usize];
-        let (tree, filter) = (view.tree(placed), view.filter(placed));
-        Some(Self { placed, offset: p.only_shifted()?, near: p.near(), tree, filter })
+    /// The placed tree `number`.
+    pub fn of(view: &SceneView<'a>, number: u32) -> Self {
+        let placed = &view.scene.placement.placed[number as usize];
+        Self { number, placed, tree: view.tree(number), filter: view.filter(number) }
+    }
+
+    /// True if the tree's frame is not only translated.
+    pub fn is_turned(&self) -> bool {
+        self.placed.only_shifted().is_none()
     }
 
     /// Puts rays into a walk that is still to be started; false if they must be traced otherwise.
     fn set(&self, rays: &CameraRays, walk: &mut PacketWalk) -> bool {
-        let org = (rays.eye - self.offset).as_vec3();
-        walk.set_all_but_dirs(&LocalRay { org, t_max: f32::INFINITY, ..LocalRay::NONE });
-        walk.set_dirs(rays.dir, rays.width) && walk.is_within(&self.tree, PACKET, self.near)
+        if let (Some(offset), Some(eye)) = (self.placed.only_shifted(), rays.eye) {
+            let org = (eye - offset).as_vec3();
+            walk.set_all_but_dirs(&LocalRay { org, t_max: f32::INFINITY, ..LocalRay::NONE });
+            return walk.set_dirs(&rays.rays.dir, &rays.rays.cone[1])
+                && walk.is_within(&self.tree, PACKET, self.placed.near());
+        }
+        let mut local = LocalRays::NONE;
+        let best = [f64::INFINITY; PACKET];
+        let isa = self.tree.isa();
+        let are_all = rays.rays.take_into_tree(isa, self.placed, u32::MAX, (&best, false), &mut local) == u32::MAX;
+        walk.set_rows(&local);
+        are_all
     }
 
     /// Starts a walk with the rays in `active`; false if they must be traced otherwise.
@@ -364,7 +426,7 @@ impl<'a> CameraTree<'a> {
     pub fn go_on(&self, view: &SceneView, walk: &mut PacketWalk) -> Result<u32, Need> {
         match self.tree.closest_together(self.filter.as_ref(), walk) {
             Outcome::Done => Ok(walk.found()),
-            Outcome::Pending(block) => Err(view.need(self.placed, block)),
+            Outcome::Pending(block) => Err(view.need(self.number, block)),
         }
     }
 }
@@ -378,61 +440,22 @@ fn one_start(p: &Placed, first: &Ray, alike: &Alike, seen_by: u32) -> Option<DVe
     (alike.is_one_start() && first.has_interval() && do_see).then(|| first.origin - offset)
 }
 
-/// Transforms rays into the tree's frame by a subtraction alone; false if that is wrong for some ray.
-/// ([`PacketWalk::is_within`] may also find so later.)
+/// Puts rays with a common origin and interval into a walk through a tree with a frame that is only translated; false
+/// if that is wrong for some ray. `origin`: their origin there.
 #[inline(always)]
-fn set_unmoved(
+fn set_from(
+    origin: DVec3,
     p: &Placed,
     tree: &Tree,
     (rays, count): (&[Ray; PACKET], usize),
-    (alike, one_start): (&Alike, Option<DVec3>),
-    (seen_by, beyond): (u32, bool),
+    (alike, beyond): (&Alike, bool),
     walk: &mut PacketWalk,
 ) -> bool {
-    let Some(offset) = p.only_shifted() else { return false };
-    let mut local = LocalRay::NONE;
-    if alike.is_one_start() {
-        let it = &rays[0];
-        let Some(origin) = one_start else { return false };
-        local.org = origin.as_vec3();
-        let least = || rays[..count].iter().fold(f32::INFINITY, |least, it| least.min(it.dir.abs().max_element()));
-        [local.t_min, local.t_max] = p.ends([it.t_min, it.t_max], origin, least, beyond);
-        walk.set_all_but_dirs(&local);
-        walk.set_dirs_of(tree, rays, alike.is_exact());
-        return true;
-    }
-    let mut is_fine = true;
-    for (i, it) in rays.iter().enumerate().take(count) {
-        is_fine &= it.mask & seen_by != 0 && it.has_interval();
-        let origin = it.origin - offset;
-        local.org = origin.as_vec3();
-        local.dir = it.dir;
-        local.cone = LocalRay::cone_of(it.cone, it.dir);
-        [local.t_min, local.t_max] = p.ends([it.t_min, it.t_max], origin, || it.dir.abs().max_element(), beyond);
-        walk.set(i, &local);
-    }
-    is_fine
-}
-
-/// Transforms rays into the tree's frame in all cases; returns those that can hit something there.
-#[inline(never)]
-fn set_moved(
-    p: &Placed,
-    rays: &[Ray],
-    (seen_by, beyond): (u32, bool),
-    walk: &mut PacketWalk,
-    moved: &mut [(f64, f64); PACKET],
-) -> u32 {
-    let mut active = 0;
-    let mut local = LocalRay::NONE;
-    for (i, it) in rays.iter().enumerate().take(PACKET) {
-        if it.mask & seen_by != 0
-            && let Some(way) = p.local(it, it.t_max, beyond, &mut local)
-        {
-            moved[i] = way;
-            active |= 1 << i;
-            walk.set(i, &local);
-        }
-    }
-    active
+    let (mut local, first) = (LocalRay::NONE, &rays[0]);
+    local.org = origin.as_vec3();
+    let least = || rays[..count].iter().fold(f32::INFINITY, |least, it| least.min(it.dir.abs().max_element()));
+    [local.t_min, local.t_max] = p.ends([first.t_min, first.t_max], origin, least, beyond);
+    walk.set_all_but_dirs(&local);
+    walk.set_dirs_of(tree, rays, alike.is_exact());
+    walk.is_within(tree, count, p.near())
 }

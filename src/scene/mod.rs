@@ -14,6 +14,7 @@ mod looks;
 pub mod model;
 mod part_check;
 pub(crate) mod placed;
+pub(crate) mod ray_rows;
 pub mod state;
 pub(crate) mod through;
 pub mod top;

@@ -5,10 +5,11 @@
 use super::beam::Beam;
 use super::box_ray::PacketBoxRays;
 use super::placed::At;
+use super::ray_rows::RayRows;
 use super::top::{NodeRef, Target};
 use super::walk::{Found, NOTHING, SceneView, Step};
 use crate::math::{PACKET, Ray, bits};
-use crate::structure::{LocalRay, Outcome, PacketWalk};
+use crate::structure::{LocalRay, LocalRays, Outcome, PacketWalk};
 use glam::Vec3;
 
 /// The state of a packet's rays in a scene. Reusable.
@@ -22,6 +23,8 @@ pub(crate) struct ScenePacket {
     moved: [At; PACKET],
     inside: u32,
     tree: PacketWalk,
+    rows: Box<RayRows>,
+    local: Box<LocalRays>,
     best: [Found; PACKET],
     /// The distance up to which each ray may still go.
     far: [f64; PACKET],
@@ -43,6 +46,8 @@ impl Default for ScenePacket {
             moved: [At::NONE; PACKET],
             inside: 0,
             tree: PacketWalk::new(),
+            rows: Box::new(RayRows::NONE),
+            local: Box::new(LocalRays::NONE),
             best: [Found::nothing(0.0); PACKET],
             far: [0.0; PACKET],
             box_rays: PacketBoxRays::NONE,
@@ -72,6 +77,7 @@ impl ScenePacket {
         self.at = None;
         self.active = 0;
         for (i, it) in rays.iter().enumerate() {
+            self.rows.set(i, it);
             (self.best[i].t, self.best[i].placed, self.best[i].transmitted) = (it.t_max, NOTHING, f64::INFINITY);
             self.far[i] = it.t_max;
             self.active |= (active >> i & u32::from(it.can_hit())) << i;
@@ -140,21 +146,34 @@ impl SceneView<'_> {
     fn enter_packet(&self, rays: &[Ray; PACKET], placed: u32, mask: u32, walk: &mut ScenePacket) {
         let p = &self.scene.placement.placed[placed as usize];
         let seen_by = self.seen_by(placed);
-        walk.inside = 0;
-        let mut local = LocalRay::NONE;
+        let ScenePacket { tree, rows, local, far, moved, .. } = walk;
+        let isa = self.scene.context().isa();
+        let mut sees = mask;
         for i in bits(mask) {
-            if rays[i].mask & seen_by != 0
-                && let rest = walk.rest.as_ref().map_or(Vec3::ZERO, |rest| rest[i])
-                && let Some((shift, scale)) =
-                    p.local_of(&rays[i], rest, walk.best[i].t, self.widen_interval, &mut local)
-            {
-                walk.tree.set(i, &local);
-                walk.moved[i] = At { placed, shift, scale };
-                walk.inside |= 1 << i;
-            }
+            sees &= !(u32::from(rays[i].mask & seen_by == 0) << i);
         }
+        walk.inside = match &walk.rest {
+            None => {
+                *moved = [At { placed, shift: 0.0, scale: 1.0 }; PACKET];
+                rows.take_all_into_tree(isa, p, sees, (far, self.widen_interval), local, |i, (shift, scale)| {
+                    moved[i] = At { placed, shift, scale };
+                })
+            }
+            Some(rest) => {
+                let (mut inside, mut one) = (0, LocalRay::NONE);
+                for i in bits(sees) {
+                    if let Some((shift, scale)) = p.local_of(&rays[i], rest[i], far[i], self.widen_interval, &mut one) {
+                        local.set(i, &one);
+                        moved[i] = At { placed, shift, scale };
+                        inside |= 1 << i;
+                    }
+                }
+                inside
+            }
+        };
         if walk.inside != 0 {
-            walk.tree.start(&self.tree(placed), walk.inside);
+            tree.set_rows(local);
+            tree.start(&self.tree(placed), walk.inside);
             walk.at = Some(placed);
         }
     }

@@ -224,6 +224,19 @@ impl Placed {
         self.unturned.then_some(self.offset)
     }
 
+    /// The footprint, in the tree's frame, of a ray that is neither scaled nor moved nearer.
+    #[inline(always)]
+    pub fn local_cone(&self, cone: Cone) -> Cone {
+        if self.unturned { cone } else { self.narrowed([f64::from(cone.a), f64::from(cone.b)]) }
+    }
+
+    /// A footprint of the world in the tree's frame. No length grows by more than `stretch`, so no projected area grows
+    /// by more than its square.
+    #[inline(always)]
+    fn narrowed(&self, [a, b]: [f64; 2]) -> Cone {
+        Cone { a: (a / self.stretch) as f32, b: (b / self.stretch) as f32 }
+    }
+
     /// Greatest coordinate, in the tree's frame, of an origin that is not moved nearer.
     #[inline]
     pub fn near(&self) -> f32 {
@@ -285,11 +298,11 @@ impl Placed {
     /// behind it. It is the distance between a ray of [`Placed::local`] and the exact ray, divided by a cosine of 1/64.
     /// The distance is four times the error of single precision; under a transform it includes the rounding on the way
     /// to the tree's frame.
-    #[inline]
-    pub fn slack(&self, ray: &Ray, t: f64) -> f64 {
-        let dir = ray.dir.as_dvec3();
+    #[inline(always)]
+    pub fn slack(&self, origin: DVec3, dir: Vec3, t: f64) -> f64 {
+        let dir = dir.as_dvec3();
         let single = self.stretch * (self.max_coord * (2.0 * FAR + 2.0) * f64::from(f32::EPSILON) * 4.0);
-        let apart = if self.unturned { single } else { single + 2.0 * self.rounding_along(ray.origin, dir * t) };
+        let apart = if self.unturned { single } else { single + 2.0 * self.rounding_along(origin, dir * t) };
         apart * 64.0 / dir.length()
     }
 
@@ -304,6 +317,23 @@ impl Placed {
         self.rounded(ends, org, f64::from(dir()), beyond)
     }
 
+    /// The ends of a ray's interval for walks, as [`Placed::local`] computes them for rays that are neither scaled nor
+    /// moved nearer. `org` and `dir` are the greatest components of origin and direction in the tree's frame.
+    #[inline(always)]
+    pub fn ends_of(&self, ends: [f64; 2], org: f64, dir: f64, beyond: bool) -> [f32; 2] {
+        if !beyond {
+            return [not_below(ends[0].max(0.0)), not_below(ends[1])];
+        }
+        self.widened(ends, org, dir)
+    }
+
+    /// True if a ray begins so near that it is not moved nearer; `org`: the greatest component of its origin in the
+    /// tree's frame.
+    #[inline(always)]
+    pub fn is_near_by(&self, org: f64) -> bool {
+        org <= FAR * self.max_coord
+    }
+
     /// The ends of an interval in single precision. With `beyond` they are so much farther apart that no hit within the
     /// exact interval is lost, and hits may lie outside. Otherwise both become the least numbers not below them.
     #[inline(always)]
@@ -311,10 +341,17 @@ impl Placed {
         if !beyond {
             return [not_below(t_min.max(0.0)), not_below(t_max)];
         }
+        self.widened([t_min, t_max], org.abs().max_element(), dir)
+    }
+
+    /// The ends of an interval, so much farther apart that no hit within the exact interval is lost. `org` and `dir`
+    /// are the greatest components of origin and direction.
+    #[inline(always)]
+    fn widened(&self, [t_min, t_max]: [f64; 2], org: f64, dir: f64) -> [f32; 2] {
         // For directions of about unit length this saves a division. Wherever a ray can hit anything, the rounding of
         // both ends is less than `by`.
         let over = if (0.5..=2.0).contains(&dir) { 2.0 } else { 1.0 / dir };
-        let by = BEYOND * (org.abs().max_element() + self.max_coord) * over;
+        let by = BEYOND * (org + self.max_coord) * over;
         [(t_min - by).max(0.0) as f32, (t_max + by) as f32]
     }
 
@@ -387,9 +424,8 @@ impl Placed {
             scale = 0.5f64.powi(size.log2().round().clamp(-1000.0, 1000.0) as i32);
             dir *= scale;
         }
-        // No length grows by more than `stretch`, so no projected area grows by more than its square.
         let (a, b) = (f64::from(ray.cone.a), f64::from(ray.cone.b));
-        let cone = Cone { a: ((a + b * shift) / self.stretch) as f32, b: (b * scale / self.stretch) as f32 };
+        let cone = self.narrowed([a + b * shift, b * scale]);
         let ends = [ray.t_min, best].map(|t| (t - shift) / scale);
         let [mut t_min, t_max] = self.rounded(ends, org, dir.abs().max_element(), beyond);
         // The rounding of the sum must not put the first t before the ray's begin.

@@ -7,10 +7,11 @@ use super::beam::Beam;
 use super::box_ray::{BoxRay, PacketBoxRays};
 use super::group::Entered;
 use super::placed::At;
+use super::ray_rows::RayRows;
 use super::top::{NodeRef, Target};
 use super::walk::{Found, SceneView, SceneWalk, Step};
-use crate::math::{PACKET, Ray, STREAM, bits};
-use crate::structure::{LocalRay, Outcome, Stream, TriHit, Walk};
+use crate::math::{PACKET, Ray, STREAM, bits, first_rays};
+use crate::structure::{LocalRay, LocalRays, Outcome, Stream, TriHit, Walk};
 
 /// Greatest number of rays that are walked one after the other: starting a stream takes longer than their walks.
 const FEW: usize = 4;
@@ -23,6 +24,8 @@ pub(crate) struct SceneStream {
     hits: Box<[TriHit; STREAM]>,
     /// The placement of each ray of a run in its tree.
     at: Box<[At; STREAM]>,
+    rows: Box<RayRows>,
+    local: Box<LocalRays>,
     alone: SceneWalk,
     /// For each ray in a scene of several placed trees, the stack of top-tree nodes still to be visited. The nearest
     /// node is the last.
@@ -54,6 +57,8 @@ impl Default for SceneStream {
             single: Walk::new(),
             hits: Box::new([TriHit::none(0.0); STREAM]),
             at: Box::new([At::NONE; STREAM]),
+            rows: Box::new(RayRows::NONE),
+            local: Box::new(LocalRays::NONE),
             alone: SceneWalk::default(),
             todo: Vec::new(),
             box_rays: Vec::new(),
@@ -257,23 +262,56 @@ impl SceneView<'_> {
         walk.goes_on[i] = false;
     }
 
+    /// Puts up to [`PACKET`] rays into a stream, from its ray `first` on.
+    fn put(
+        &self,
+        rays: &[Ray],
+        run: &[Entering],
+        (first, found): (usize, &[Found]),
+        (rows, local): (&mut RayRows, &mut LocalRays),
+        (stream, at): (&mut Stream, &mut [At; STREAM]),
+    ) {
+        let mut best = [0.0; PACKET];
+        for (i, it) in run.iter().enumerate() {
+            rows.set(i, &rays[it.ray as usize]);
+            best[i] = found[it.ray as usize].t;
+        }
+        let mut left = first_rays(run.len());
+        let at = &mut at[first..];
+        // The same tree may be in several places.
+        let mut all = None;
+        while left != 0 {
+            let placed = run[left.trailing_zeros() as usize].placed;
+            let like = bits(left).filter(|&i| run[i].placed == placed).fold(0, |like, i| like | 1 << i);
+            left &= !like;
+            bits(like).for_each(|i| at[i] = At { placed, shift: 0.0, scale: 1.0 });
+            let p = &self.scene.placement.placed[placed as usize];
+            let isa = self.scene.context().isa();
+            let inside =
+                rows.take_all_into_tree(isa, p, like, (&best, self.widen_interval), local, |i, (shift, scale)| {
+                    at[i] = At { placed, shift, scale };
+                });
+            bits(like & !inside).for_each(|i| local.set(i, &LocalRay::NONE));
+            match (left, &mut all) {
+                (0, None) => break,
+                (_, all) => {
+                    let all = all.get_or_insert_with(|| Box::new(LocalRays::NONE));
+                    bits(like).for_each(|i| all.set(i, &local.one(i)));
+                }
+            }
+        }
+        stream.set_rows(first, all.as_deref().unwrap_or(local));
+    }
+
     /// Takes rays through the tree that they enter.
     fn run<const ANY: bool>(&self, rays: &[Ray], run: &[Entering], walk: &mut SceneStream, found: &mut [Found]) {
         if run.len() <= FEW {
             return run.iter().for_each(|&it| self.alone::<ANY>(rays, it, walk, found));
         }
-        let SceneStream { tree: stream, hits, at, unfinished, goes_on, .. } = walk;
+        let SceneStream { tree: stream, hits, at, unfinished, goes_on, rows, local, .. } = walk;
         let (tree, filter) = (self.tree(run[0].placed), self.filter(run[0].placed));
-        let mut local = LocalRay::NONE;
-        for (i, &Entering { ray, placed, .. }) in run.iter().enumerate() {
-            let p = &self.scene.placement.placed[placed as usize];
-            match p.local(&rays[ray as usize], found[ray as usize].t, self.widen_interval, &mut local) {
-                Some((shift, scale)) => {
-                    stream.set(i, &local);
-                    at[i] = At { placed, shift, scale };
-                }
-                None => stream.set(i, &LocalRay::NONE),
-            }
+        for (i, part) in run.chunks(PACKET).enumerate() {
+            self.put(rays, part, (i * PACKET, found), (rows, local), (stream, at));
         }
         let hits = &mut hits[..run.len()];
         if ANY {

@@ -274,9 +274,9 @@ impl<'a> SceneView<'a> {
     }
 
     /// The missing block that a hit on a stand-in replaces, if there is one.
-    pub fn wanted(&self, found: &Found) -> Option<Need> {
-        let block = self.tree(found.placed).wanted(&found.tri)?;
-        Some(self.need(found.placed, BlockId(block)))
+    pub fn wanted(&self, placed: u32, hit: &TriHit) -> Option<Need> {
+        let block = self.tree(placed).wanted(hit)?;
+        Some(self.need(placed, BlockId(block)))
     }
 
     /// A placed tree with its blocks in memory.

@@ -45,7 +45,7 @@ pub use hit::{Counters, Outcome, StandIn, TriHit, Triangle};
 pub use packet::PacketWalk;
 pub use par::Par;
 pub use place::{Place, Rooted};
-pub use ray::{LocalRay, USUAL_DIRS};
+pub use ray::{LocalRay, LocalRays, USUAL_DIRS};
 pub use resident::{Forms, Made, MakeForms, Resident};
 pub use stream::Stream;
 pub use tree::{Blocks, Bundle, NEVER, Tree, Visit};

@@ -5,7 +5,7 @@ use super::bvh::trace::SlabHeuristic;
 use super::hit::{Counters, TriHit};
 use super::packet_prepare::{self, Common};
 use super::place::{Place, Rooted};
-use super::ray::{LocalRay, UNIT, abs};
+use super::ray::{LocalRay, LocalRays, UNIT, abs};
 use super::surface::Groups;
 use super::walk::{Entered, Walk};
 use crate::math::{Cone, PACKET, Ray, bits, first_rays};
@@ -228,6 +228,15 @@ impl PacketWalk {
         is_unit
     }
 
+    /// Stores all rays. A call of [`PacketWalk::start`] must follow.
+    #[inline]
+    pub fn set_rows(&mut self, rays: &LocalRays) {
+        let LocalRays { org, dir, t_min, t_max, cone } = rays;
+        let r = &mut self.rays;
+        (r.org, r.dir, r.cone) = (must_cast(*org), must_cast(*dir), must_cast(*cone));
+        (r.t_min, self.hits.t) = (must_cast(*t_min), must_cast(*t_max));
+    }
+
     /// True if each of the first `count` stored rays starts within `near` of the tree's origin on each axis, has a
     /// direction of usual magnitude ([`USUAL_DIRS`]) and has a finite `t_min`. A negative `t_min` is set to zero.
     pub fn is_within(&mut self, tree: &impl Rooted, count: usize, near: f32) -> bool {
@@ -307,6 +316,12 @@ impl PacketWalk {
     #[inline]
     pub fn dirs(&self) -> &[[f32; PACKET]; 3] {
         must_cast_ref(&self.rays.dir)
+    }
+
+    /// The footprints: widths at the origins, and their growth for each unit of distance.
+    #[inline]
+    pub fn cones(&self) -> &[[f32; PACKET]; 2] {
+        must_cast_ref(&self.rays.cone)
     }
 
     /// Groups the rays of `lanes`, which all have hits, by the triangle that they hit.

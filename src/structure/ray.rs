@@ -1,6 +1,6 @@
 //! Rays in the form that structures take: in the tree's own frame, in single precision.
 
-use crate::math::Cone;
+use crate::math::{Cone, PACKET};
 use crate::simd::Lanes;
 use glam::Vec3;
 
@@ -56,6 +56,51 @@ impl LocalRay {
             && (MIN_DIR..=MAX_DIR).contains(&size)
             && self.t_min >= 0.0
             && self.t_max >= self.t_min
+    }
+}
+
+/// Rays of a packet, one column each: the fields of [`LocalRay`].
+#[derive(Debug, Clone)]
+#[repr(C, align(64))]
+pub struct LocalRays {
+    /// Origins, axis by axis.
+    pub org: [[f32; PACKET]; 3],
+    /// Directions, axis by axis.
+    pub dir: [[f32; PACKET]; 3],
+    /// Ends of the intervals.
+    pub t_min: [f32; PACKET],
+    /// See `t_min`.
+    pub t_max: [f32; PACKET],
+    /// Widths at the origins, and their growth for each unit of distance.
+    pub cone: [[f32; PACKET]; 2],
+}
+
+impl LocalRays {
+    /// Invalid rays: all miss.
+    pub const NONE: Self = Self {
+        org: [[0.0; PACKET]; 3],
+        dir: [[0.0; PACKET]; 3],
+        t_min: [0.0; PACKET],
+        t_max: [0.0; PACKET],
+        cone: [[0.0; PACKET]; 2],
+    };
+
+    /// Ray `i`.
+    #[inline(always)]
+    pub fn one(&self, i: usize) -> LocalRay {
+        let at = |rows: &[[f32; PACKET]; 3]| Vec3::new(rows[0][i], rows[1][i], rows[2][i]);
+        let cone = Cone { a: self.cone[0][i], b: self.cone[1][i] };
+        LocalRay { org: at(&self.org), dir: at(&self.dir), t_min: self.t_min[i], t_max: self.t_max[i], cone }
+    }
+
+    /// Sets ray `i`.
+    #[inline(always)]
+    pub fn set(&mut self, i: usize, ray: &LocalRay) {
+        for axis in 0..3 {
+            (self.org[axis][i], self.dir[axis][i]) = (ray.org[axis], ray.dir[axis]);
+        }
+        (self.t_min[i], self.t_max[i]) = (ray.t_min, ray.t_max);
+        (self.cone[0][i], self.cone[1][i]) = (ray.cone.a, ray.cone.b);
     }
 }
 

@@ -2,9 +2,9 @@
 
 use super::bvh::trace::StreamLanes;
 use super::hit::Counters;
-use super::ray::LocalRay;
+use super::ray::{LocalRay, LocalRays};
 use super::walk::Walk;
-use crate::math::{Cone, STREAM};
+use crate::math::{Cone, PACKET, STREAM};
 use glam::Vec3;
 
 /// Number of rays in a group.
@@ -109,6 +109,18 @@ impl Stream {
     #[inline(always)]
     pub fn set(&mut self, i: usize, ray: &LocalRay) {
         self.rays[(i / GROUP) & (STREAM / GROUP - 1)].set(i, ray);
+    }
+
+    /// Stores the rays `first..first + PACKET`; `first` is a multiple of [`PACKET`], and below [`STREAM`].
+    #[inline]
+    pub fn set_rows(&mut self, first: usize, rays: &LocalRays) {
+        for (half, to) in self.rays[first / GROUP..][..PACKET / GROUP].iter_mut().enumerate() {
+            let of = |row: &[f32; PACKET]| std::array::from_fn(|i| row[half * GROUP + i]);
+            (to.org, to.dir) = (rays.org.each_ref().map(of), rays.dir.each_ref().map(of));
+            // Adding 0 turns -0 into +0, because distances are sorted by their bits.
+            (to.t_min, to.t_max) = (of(&rays.t_min).map(|t: f32| t + 0.0), of(&rays.t_max));
+            to.cone = rays.cone.each_ref().map(of);
+        }
     }
 
     /// Called after the first `count` rays were stored. Invalidates leftover rays of earlier calls in the last group,

@@ -30,37 +30,31 @@ pub(crate) struct Meeting {
 
 /// The plane of a triangle in double precision. The corners are single-precision numbers, so edges and their products
 /// carry few roundings.
-struct Plane {
+pub(super) struct Plane {
     corner: DVec3,
     edges: [DVec3; 2],
     normal: DVec3,
 }
 
 impl Meeting {
-    /// Vector from the ray's origin to the hit.
+    /// Bound of the distance from the answered position to original surface, in the world: see the module. `origin` and
+    /// `dir` are the ray's.
     #[inline(always)]
-    pub fn along(&self, ray: &Ray) -> DVec3 {
-        ray.dir.as_dvec3() * self.t
+    pub fn error(&self, placed: &Placed, origin: DVec3, dir: Vec3) -> f32 {
+        let along = dir.as_dvec3() * self.t;
+        not_below(placed.stretch * self.gap + placed.position_error + placed.rounding_along(origin, along))
     }
 
-    /// Bound of the distance from the answered position to original surface, in the world: see the module.
+    /// Distance before which no original surface lies on the ray, if it begins before that: see the module.
     #[inline(always)]
-    pub fn error(&self, placed: &Placed, ray: &Ray) -> f32 {
-        not_below(
-            placed.stretch * self.gap + placed.position_error + placed.rounding_along(ray.origin, self.along(ray)),
-        )
-    }
-
-    /// Distance before which no original surface lies on the ray: see the module.
-    #[inline(always)]
-    pub fn t_free(&self, placed: &Placed, ray: &Ray) -> f64 {
-        (self.t - placed.slack(ray, self.t)).max(ray.begins())
+    pub fn free(&self, placed: &Placed, origin: DVec3, dir: Vec3) -> f64 {
+        self.t - placed.slack(origin, dir, self.t)
     }
 }
 
 impl Plane {
-    #[inline]
-    fn new(corners: &[Vec3; 3]) -> Self {
+    #[inline(always)]
+    pub fn new(corners: &[Vec3; 3]) -> Self {
         let [a, b, c] = corners.map(|v| v.as_dvec3());
         let edges = [b - a, c - a];
         Self { corner: a, edges, normal: edges[0].cross(edges[1]) }
@@ -70,14 +64,40 @@ impl Plane {
     #[inline]
     fn clamped(&self, p: DVec3) -> ([f64; 2], f64) {
         let from = p - self.corner;
+        let [u, v] = self.weights_of(from);
+        if is_inside([u, v]) { self.at_weights(from, [u, v]) } else { self.on_border(from) }
+    }
+
+    /// Weights of the point nearest to `from`, relative to the corner, in the triangle's plane.
+    #[inline(always)]
+    fn weights_of(&self, from: DVec3) -> [f64; 2] {
         let inverse = 1.0 / self.normal.length_squared();
         let u = from.cross(self.edges[1]).dot(self.normal) * inverse;
         let v = self.edges[0].cross(from).dot(self.normal) * inverse;
-        if u >= 0.0 && v >= 0.0 && u + v <= 1.0 { self.at_weights(from, [u, v]) } else { self.on_border(from) }
+        [u, v]
+    }
+
+    /// The distance at which a ray meets the plane.
+    #[inline(always)]
+    fn distance(&self, org: DVec3, dir: DVec3) -> f64 {
+        self.normal.dot(self.corner - org) / self.normal.dot(dir)
+    }
+
+    /// The intersection of a ray and the plane: distance, weights, and the gap there. True if the point is in the
+    /// triangle up to rounding; then [`meet`] returns the same.
+    #[inline(always)]
+    pub fn through(&self, org: DVec3, dir: DVec3) -> (f64, [f64; 2], f64, bool) {
+        let t = self.distance(org, dir);
+        let is_finite = t.is_finite();
+        let t = t.max(0.0);
+        let from = org + dir * t - self.corner;
+        let weights = self.weights_of(from);
+        let gap = self.at_weights(from, weights).1;
+        (t, weights, gap, is_finite & is_inside(weights) & (gap <= rounding(org, dir, t)))
     }
 
     /// These weights, and the distance of their point to `from`, which is relative to the corner.
-    #[inline]
+    #[inline(always)]
     fn at_weights(&self, from: DVec3, weights: [f64; 2]) -> ([f64; 2], f64) {
         (weights, (from - self.edges[0] * weights[0] - self.edges[1] * weights[1]).length())
     }
@@ -99,6 +119,17 @@ impl Plane {
     }
 }
 
+#[inline(always)]
+fn is_inside([u, v]: [f64; 2]) -> bool {
+    (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0)
+}
+
+/// A gap up to which no other point of the ray is better than one in the plane and within the triangle.
+#[inline(always)]
+fn rounding(org: DVec3, dir: DVec3, t: f64) -> f64 {
+    (org.abs().max_element() + dir.abs().max_element() * t.abs()) * 1e-14
+}
+
 /// Intersects a ray and a triangle of the tree's frame again, in double precision. `found` is the distance that the
 /// walk found.
 ///
@@ -114,11 +145,9 @@ pub(crate) fn meet(placed: &Placed, corners: &[Vec3; 3], ray: &Ray, found: f64) 
         let (weights, gap) = plane.clamped(org + dir * t);
         Meeting { t, weights, gap }
     };
-    let t = plane.normal.dot(plane.corner - org) / plane.normal.dot(dir);
+    let t = plane.distance(org, dir);
     let best = if t.is_finite() { at(t) } else { at(found) };
-    // The point is in the plane up to rounding and within the triangle: no other t is better.
-    let rounding = (org.abs().max_element() + dir.abs().max_element() * best.t.abs()) * 1e-14;
-    if best.gap <= rounding { best } else { least_gap(&plane, org, dir, [best, at(found)], at) }
+    if best.gap <= rounding(org, dir, best.t) { best } else { least_gap(&plane, org, dir, [best, at(found)], at) }
 }
 
 /// The distance at which a ray's line meets a triangle that it crosses, before the ray's origin too: that of the
@@ -126,9 +155,8 @@ pub(crate) fn meet(placed: &Placed, corners: &[Vec3; 3], ray: &Ray, found: f64) 
 pub(crate) fn distance(placed: &Placed, corners: &[Vec3; 3], ray: &Ray, [least, greatest]: [f64; 2]) -> f64 {
     let plane = Plane::new(corners);
     let (org, dir) = (placed.local_point(ray.origin), placed.local_vector(ray.dir.as_dvec3()));
-    let t = plane.normal.dot(plane.corner - org) / plane.normal.dot(dir);
     // NaN leaves the least.
-    t.min(greatest).max(least)
+    plane.distance(org, dir).min(greatest).max(least)
 }
 
 /// The better of two intersections, and of a third one at the ray's point nearest to the better one's triangle point.

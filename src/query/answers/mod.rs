@@ -4,12 +4,14 @@
 //! and back.
 
 mod meeting;
+mod meetings;
 mod shading;
 pub(crate) mod stand_in;
 mod triangle;
 
 pub(crate) use meeting::{distance, meet};
-pub(crate) use shading::{shading_normal, turned_to, weights, world_corners};
+pub(crate) use shading::weights;
+use shading::{shading_normal, world_corners};
 pub(crate) use triangle::WorldNormal;
 
 use super::hit::{Hit, HitKind, NONE, Want};
@@ -20,7 +22,8 @@ use crate::scene::walk::{Found, Need, SceneView};
 use crate::simd::Isa;
 use crate::structure::surface::Groups;
 use crate::structure::{Rooted, Tree, TriHit};
-use glam::Vec3;
+use glam::{DVec3, Vec3};
+use meetings::Meetings;
 use shading::Corners;
 use stand_in::StandIns;
 use triangle::Triangles;
@@ -51,6 +54,8 @@ pub(crate) trait TreeHits<const N: usize> {
     fn hit(&self, i: usize) -> TriHit;
     /// The distance of ray `i` to its hit, in the world.
     fn t(&self, i: usize) -> f64;
+    /// The distances of `rays` to their hits. Values of other rays are arbitrary.
+    fn distances(&self, rays: u32, out: &mut [f64; N]);
     /// Groups `rays` by the primitives that they hit.
     fn group(&self, isa: Isa, rays: u32, out: &mut Groups<N>);
 }
@@ -67,6 +72,10 @@ impl TreeHits<PACKET> for Group {
         self.distance(i)
     }
     #[inline]
+    fn distances(&self, _: u32, out: &mut [f64; PACKET]) {
+        self.distances_in_tree(out);
+    }
+    #[inline]
     fn group(&self, isa: Isa, rays: u32, out: &mut Groups<PACKET>) {
         self.walk().hits(isa, rays, out);
     }
@@ -80,6 +89,10 @@ impl<const N: usize> TreeHits<N> for [Found] {
     #[inline(always)]
     fn t(&self, i: usize) -> f64 {
         self[i].t
+    }
+    #[inline(always)]
+    fn distances(&self, rays: u32, out: &mut [f64; N]) {
+        bits(rays).for_each(|i| out[i] = self[i].t);
     }
     #[inline(always)]
     fn group(&self, _: Isa, rays: u32, out: &mut Groups<N>) {
@@ -101,6 +114,7 @@ pub(crate) struct Seen<const N: usize> {
     stand_ins: StandIns<N>,
     groups: Groups<N>,
     corners: Corners<N>,
+    meetings: Meetings<N>,
 }
 
 impl<const N: usize> Default for Seen<N> {
@@ -126,8 +140,13 @@ impl Rest {
 }
 
 impl<const N: usize> Seen<N> {
-    pub const NONE: Self =
-        Self { triangles: Triangles::NONE, stand_ins: StandIns::NONE, groups: Groups::NONE, corners: Corners::NONE };
+    pub const NONE: Self = Self {
+        triangles: Triangles::NONE,
+        stand_ins: StandIns::NONE,
+        groups: Groups::NONE,
+        corners: Corners::NONE,
+        meetings: Meetings::NONE,
+    };
 
     /// Loads the data of the hits of `rays`; `dir` gives the rays' directions in the world. Returns the rays whose
     /// hits' blocks have left the snapshot. `normals` requests the normals of triangles; `is_whole`: see
@@ -263,7 +282,7 @@ impl<const N: usize> Seen<N> {
     /// Fills the fields of triangle hits. Returns the rays with hits outside of their intervals.
     #[inline(always)]
     fn fill_triangles(
-        &self,
+        &mut self,
         at: &InTree,
         want: Want,
         rays: &[Ray],
@@ -285,12 +304,62 @@ impl<const N: usize> Seen<N> {
                 let normal = self.triangles.normal(column);
                 bits(group).for_each(|i| out[i].normal = normal.facing(rays[i].dir));
             }
-            for i in bits(group & precise) {
-                fill_from_meeting(at.placed, &self.triangles.corners(column), &rays[i], hits.t(i), want, &mut out[i]);
-                outside |= u32::from(at.view.widen_interval && !is_within(&rays[i], out[i].t)) << i;
-            }
+        }
+        let to_meet = self.meet(at, precise, |i| (rays[i].origin, rays[i].dir), |i| hits.t(i));
+        for i in bits(to_meet) {
+            self.fill_from_meeting(i, &rays[i], want, &mut out[i]);
+            outside |= u32::from(at.view.widen_interval && !is_within(&rays[i], out[i].t)) << i;
         }
         outside
+    }
+
+    /// Intersects the rays of `among` that hit triangles with these again, in double precision. `ray` returns origin and
+    /// direction of a ray, `found` the distance that the walk found. Returns these rays, for [`Seen::meetings`].
+    #[inline(always)]
+    pub fn meet(
+        &mut self,
+        at: &InTree,
+        among: u32,
+        ray: impl Fn(usize) -> (DVec3, Vec3),
+        found: impl Fn(usize) -> f64,
+    ) -> u32 {
+        let Self { groups, triangles, meetings, .. } = self;
+        let mut rays = 0;
+        for (column, group) in groups.rays.iter().enumerate().take(groups.count) {
+            if group & among != 0 {
+                rays |= group & among;
+                let corners = triangles.corners(column);
+                for i in bits(group & among) {
+                    let (origin, dir) = ray(i);
+                    meetings.set(i, &corners, origin, dir);
+                }
+            }
+        }
+        if rays != 0 {
+            meetings.meet(at.view.scene.context().isa(), at.placed, rays, found);
+        }
+        rays
+    }
+
+    /// The intersections that [`Seen::meet`] computed last.
+    pub fn meetings(&self) -> &Meetings<N> {
+        &self.meetings
+    }
+
+    /// Fills the fields that need the intersection with the triangle in double precision.
+    #[inline(always)]
+    fn fill_from_meeting(&self, i: usize, ray: &Ray, want: Want, hit: &mut Hit) {
+        let meetings = &self.meetings;
+        hit.t = meetings.t(i);
+        if want.has(Want::UV) {
+            hit.uv = meetings.weights(i).map(|w| w as f32);
+        }
+        if want.has(Want::POSITION) {
+            hit.position = ray.origin + ray.dir.as_dvec3() * hit.t;
+        }
+        if want.has(Want::ERROR) {
+            (hit.error, hit.t_free) = (meetings.error(i), meetings.free(i).max(ray.begins()));
+        }
     }
 
     fn fill_cells(
@@ -354,23 +423,38 @@ impl<const N: usize> Seen<N> {
         }
     }
 
+    /// Calls `of` for each ray of `rays` that hit a triangle, with the corners in the tree's frame.
+    #[inline(always)]
+    pub fn each_triangle(&self, rays: u32, mut of: impl FnMut(usize, [Vec3; 3])) {
+        for (column, group) in self.groups.rays.iter().enumerate().take(self.groups.count) {
+            if group & rays != 0 {
+                let corners = self.triangles.corners(column);
+                bits(group & rays).for_each(|i| of(i, corners));
+            }
+        }
+    }
+
     /// Writes the shading normals of triangle hits, turned to the eye, over the geometric normals in `normals`, where
-    /// there are others. `dir` holds the rays' unit directions. Returns false if a block of normals is not in memory.
+    /// there are others. `dir` holds the rays' unit directions. Returns the rays whose block of normals is not in
+    /// memory.
     pub fn smooth(
         &mut self,
         at: &InTree,
         dir: &[[f32; N]; 3],
         hits: &(impl TreeHits<N> + ?Sized),
         normals: &mut [[f32; N]; 3],
-    ) -> bool {
-        let tree = at.tree();
+    ) -> u32 {
+        let (tree, mut lacking) = (at.tree(), 0);
         self.corners.clear();
         for group in &self.groups.rays[..self.groups.count] {
             let Some(first) = bits(*group).next() else { continue };
             let corners = match tree.normals(&hits.hit(first)) {
                 Ok(Some(normals)) => world_corners(at.placed, &normals),
                 Ok(None) => continue,
-                Err(_) => return false,
+                Err(_) => {
+                    lacking |= group;
+                    continue;
+                }
             };
             for i in bits(*group) {
                 let hit = hits.hit(i);
@@ -378,7 +462,12 @@ impl<const N: usize> Seen<N> {
             }
         }
         self.corners.replace(tree.isa(), dir, normals);
-        true
+        lacking
+    }
+
+    /// The normals at the corners of the triangle that ray `i` hit, in the world, as [`Seen::smooth`] found them.
+    pub fn corner_normals(&self, i: usize) -> Option<[Vec3; 3]> {
+        self.corners.of(i)
     }
 
     /// Fills primitive ids. This runs last: only their blocks may be missing where all other fields are known.
@@ -445,20 +534,4 @@ pub(super) fn promise_nothing(hit: &mut Hit, ray: &Ray, want: Want) {
 #[inline(always)]
 pub(super) fn is_within(ray: &Ray, t: f64) -> bool {
     (ray.t_min..=ray.t_max).contains(&t)
-}
-
-/// Fills the fields that need the intersection with the triangle in double precision.
-#[inline(never)]
-fn fill_from_meeting(placed: &Placed, corners: &[Vec3; 3], ray: &Ray, found: f64, want: Want, hit: &mut Hit) {
-    let meeting = meet(placed, corners, ray, found);
-    hit.t = meeting.t;
-    if want.has(Want::UV) {
-        hit.uv = meeting.weights.map(|w| w as f32);
-    }
-    if want.has(Want::POSITION) {
-        hit.position = ray.origin + meeting.along(ray);
-    }
-    if want.has(Want::ERROR) {
-        (hit.error, hit.t_free) = (meeting.error(placed, ray), meeting.t_free(placed, ray));
-    }
 }

@@ -79,6 +79,12 @@ impl<const N: usize> Corners<N> {
         self.set |= 1 << i;
     }
 
+    /// The normals at the corners in the world, if the column of ray `i` is set.
+    pub fn of(&self, i: usize) -> Option<[Vec3; 3]> {
+        let corner = |rows: &[[f32; N]; 3]| Vec3::new(rows[0][i], rows[1][i], rows[2][i]);
+        (self.set >> i & 1 == 1).then(|| self.normals.each_ref().map(corner))
+    }
+
     /// Replaces the geometric normals of the rays whose columns are set by shading normals, turned to the eye. `dir`:
     /// the rays' unit directions.
     pub fn replace(&self, isa: Isa, dir: &[[f32; N]; 3], normals: &mut [[f32; N]; 3]) {

@@ -122,6 +122,11 @@ impl<const N: usize> StandIns<N> {
         self.cells.missing
     }
 
+    /// Rays that begin in their cells.
+    pub fn inside(&self) -> u32 {
+        self.cells.inside
+    }
+
     /// The unit normal in the world at the hit of ray `i`, facing the ray.
     #[inline(always)]
     pub fn normal(&self, i: usize) -> Vec3 {
@@ -177,7 +182,7 @@ impl<const N: usize> StandIns<N> {
         &self,
         tree: &Tree,
         placed: &Placed,
-        (rays, eye, t): (u32, DVec3, &[f32; N]),
+        (rays, eye, t): (u32, DVec3, &[f64; N]),
         hits: &(impl TreeHits<N> + ?Sized),
         out: &mut [f32; N],
     ) {
@@ -190,15 +195,28 @@ impl<const N: usize> StandIns<N> {
             None => u32::MAX,
         };
         for i in bits(rays & doubtful) {
-            let along = column(&self.dir, i).as_dvec3() * f64::from(t[i]);
+            let along = column(&self.dir, i).as_dvec3() * t[i];
             out[i] = self.error(i, tree, placed, &hits.hit(i), eye, along);
         }
+    }
+
+    /// The distance at which ray `i`, whose hit is at `t`, leaves the cell.
+    pub fn leave(&self, i: usize, placed: &Placed, ray: &Ray, t: f64) -> f64 {
+        leave(placed, ray, &self.cells.bounds_of(i)).max(t)
+    }
+
+    /// An upper bound of the height of the cell's content above the hit of ray `i`, at `t`, along the normal.
+    pub fn above(&self, i: usize, tree: &Tree, placed: &Placed, hit: &TriHit, ray: &Ray, t: f64) -> f64 {
+        let here = placed.local_point(ray.origin + ray.dir.as_dvec3() * t);
+        let normal = placed.gradient(self.normal(i).as_dvec3());
+        let slabs = tree.oriented_slabs(hit);
+        slabs.map_or(0.0, |slabs| (farthest(&self.cells.bounds_of(i), &slabs, normal) - here.dot(normal)).max(0.0))
     }
 
     /// Distance before which no original surface lies on ray `i`, which reaches its hit at `t`: see the module.
     #[inline(always)]
     pub fn t_free(&self, i: usize, placed: &Placed, ray: &Ray, t: f64) -> f64 {
-        let free = if self.cells.inside >> i & 1 == 1 { 0.0 } else { t - placed.slack(ray, t) };
+        let free = if self.cells.inside >> i & 1 == 1 { 0.0 } else { t - placed.slack(ray.origin, ray.dir, t) };
         free.max(ray.begins())
     }
 }
@@ -326,7 +344,7 @@ struct Errors<'a, const N: usize> {
     eye: DVec3,
     offset: DVec3,
     sure: f64,
-    t: &'a [f32; N],
+    t: &'a [f64; N],
     out: &'a mut [f32; N],
 }
 
@@ -344,7 +362,7 @@ impl<const N: usize> Op for Errors<'_, N> {
         }
         let mut is_doubtful = [0; N];
         for i in 0..N {
-            let along = column(&all.dir, i).as_dvec3() * f64::from(t[i]);
+            let along = column(&all.dir, i).as_dvec3() * t[i];
             let cell = all.cells.bounds_of(i);
             out[i] = error_at(&placed, eye, along, eye + along - offset, &cell, limits[i]);
             is_doubtful[i] = u32::from(limits[i] < f64::INFINITY && diagonal(&cell) < sure) << i;
@@ -428,29 +446,9 @@ impl<'a> Look<'a> {
         &self.view.scene.placement.placed[self.found.placed as usize]
     }
 
-    /// The unit normal in the world, facing the ray.
-    pub fn normal(&self) -> Vec3 {
-        self.one.normal(0)
-    }
-
-    /// The visible normals and their shares, for shading in the world.
-    pub fn facing(&self) -> Facing {
-        self.one.facing(0)
-    }
-
     /// The model's part with the largest visible area, over all directions; `u32::MAX` if that part is hidden.
     pub fn part(&self) -> u32 {
         self.one.part(0)
-    }
-
-    /// The linear mean colour over the surface visible from this side; `None` if the part's colour applies.
-    pub fn colour(&self) -> Option<Vec3> {
-        (self.one.coloured() != 0).then(|| self.one.colour(0))
-    }
-
-    /// True if the block below the stand-in is missing.
-    pub fn is_missing(&self) -> bool {
-        self.one.missing() != 0
     }
 
     /// See [`StandIns::error`].
@@ -461,14 +459,6 @@ impl<'a> Look<'a> {
 
     /// The distance at which the ray leaves the cell.
     pub fn leave(&self) -> f64 {
-        leave(self.placed(), self.ray, &self.one.cells.bounds_of(0)).max(self.t)
-    }
-
-    /// An upper bound of the height of the cell's content above the hit along the normal.
-    pub fn above(&self) -> f64 {
-        let here = self.placed().local_point(self.ray.origin + self.ray.dir.as_dvec3() * self.t);
-        let normal = self.placed().gradient(self.normal().as_dvec3());
-        let slabs = self.view.tree(self.found.placed).oriented_slabs(&self.found.tri);
-        slabs.map_or(0.0, |slabs| (farthest(&self.one.cells.bounds_of(0), &slabs, normal) - here.dot(normal)).max(0.0))
+        self.one.leave(0, self.placed(), self.ray, self.t)
     }
 }

@@ -2,29 +2,26 @@
 #![allow(clippy::needless_range_loop)] // each loop indexes several arrays
 
 use super::Colours;
-use super::first::{First, Layer};
+use super::camera::Begun;
+use super::first::First;
 use super::material::Material;
-use super::plain::{self, Plain};
+use super::rays::CameraPacket;
 use super::sampling::{Widths, offset};
-use super::shading::Shading;
-use super::surface::Surface;
-use crate::math::PACKET;
-use crate::math::bits;
+use super::shading::{Row, Shading, Vectors};
+use super::surfaces::Surfaces;
 use crate::math::srgb::Srgb;
-use crate::math::{Cone, Ray};
-use crate::query::NONE;
-use crate::query::stand_in;
+use crate::math::{DBounds, PACKET, bits};
+use crate::query::answers::Seen;
+use crate::query::{NONE, stand_in};
 use crate::render::tone::Tone;
 use crate::render::wants::Wants;
+use crate::scene::Group;
 use crate::scene::camera::PixelRays;
-use crate::scene::light::LightKind;
 use crate::scene::packet::ScenePacket;
 use crate::scene::placed::Placed;
-use crate::scene::walk::{Found, Need, SceneView, Step};
-use crate::scene::{Alike, Group};
+use crate::scene::walk::{Found, Need, SceneView};
 use crate::simd::{Isa, Op, Simd, dispatch};
-use crate::structure::Triangle;
-use glam::{DVec2, Vec3};
+use glam::{DVec2, DVec3, Vec3};
 
 /// Number of pixels in a row of a packet.
 pub(crate) const ACROSS: u32 = 8;
@@ -60,28 +57,45 @@ pub(crate) struct Asks {
 /// A worker's memory, and the first surfaces in the pixels of its packet.
 pub(crate) struct Scratch {
     // Each in memory of its own, so that a new one takes little of the stack.
-    camera: Box<ScenePacket>,
-    pub(super) group: Group,
-    pub(super) plain: Plain,
+    pub(super) rays: Box<CameraPacket>,
+    /// Parts of the rays' directions that single precision has lost, if they matter.
+    pub(super) rest: Option<Box<[Vec3; PACKET]>>,
+    pub(super) begun: Begun,
+    pub(super) packet: Box<ScenePacket>,
+    pub(super) group: Box<Group>,
+    pub(super) found: Box<[Found; PACKET]>,
+    pub(super) seen: Box<Seen<PACKET>>,
+    pub(super) surfaces: Box<Surfaces>,
     pub(super) shading: Box<Shading>,
-    found: [Found; PACKET],
-    /// Surfaces of the present layer, while no packet uses them.
-    surfaces: Option<Box<[Option<Surface>; PACKET]>>,
-    pub(super) shadow: Box<ScenePacket>,
+    pub(super) shadow: Box<Group>,
+    light: Box<Light>,
     pub wants: Wants,
     pub first: First,
+}
+
+/// Light of a packet's pixels.
+#[repr(C, align(64))]
+struct Light {
+    colour: Vectors,
+    /// Transmittance up to the next surface.
+    through: Row<f32>,
+    all: Colours,
 }
 
 impl Scratch {
     pub fn new() -> Self {
         Self {
-            camera: Box::default(),
-            group: Group::default(),
-            plain: Plain::default(),
+            rays: Box::new(CameraPacket::NONE),
+            rest: None,
+            begun: Begun::default(),
+            packet: Box::default(),
+            group: Box::default(),
+            found: Box::new([Found::nothing(0.0); PACKET]),
+            seen: Box::default(),
+            surfaces: Box::default(),
             shading: Box::default(),
-            found: [Found::nothing(0.0); PACKET],
-            surfaces: None,
             shadow: Box::default(),
+            light: Box::new(Light { colour: [[0.0; PACKET]; 3], through: [1.0; PACKET], all: [[0.0; PACKET]; 5] }),
             wants: Wants::default(),
             first: First::NOTHING,
         }
@@ -102,9 +116,9 @@ pub(crate) struct Direct<'a> {
     pub srgb: &'a Srgb,
     pub tone: Tone,
     pub asks: Asks,
-    /// True if packets may be plain: see [`super::plain::is_plain`].
-    pub plain: bool,
-    /// True if directions in single precision are too coarse for trees that are far away. Packets are then not plain.
+    /// True if a light may cast shadows.
+    pub casts: bool,
+    /// True if directions in single precision are too coarse for trees that are far away.
     pub is_fine: bool,
     /// Corners of a rectangle in the picture that contains all hits, if known.
     pub within: Option<[DVec2; 2]>,
@@ -151,43 +165,6 @@ impl Pixels {
     }
 }
 
-/// Rays of a packet, with the colour of each so far.
-struct Lanes {
-    rays: [Ray; PACKET],
-    colour: [Vec3; PACKET],
-    /// Transmittance up to the next surface.
-    through: [f32; PACKET],
-    /// Parts of the rays' directions that single precision has lost, if they matter.
-    rest: Option<Box<[Vec3; PACKET]>>,
-}
-
-/// Rays of a packet that begin shortly before their hits.
-struct Near {
-    rays: [Ray; PACKET],
-    /// Distance from the origin of each ray to that of its camera ray.
-    ahead: [f64; PACKET],
-}
-
-impl Lanes {
-    /// Moves the origins of the rays in `active` close to their hits, with all digits of their directions. The
-    /// distances in `found` then count from there. `None` if directions are exact.
-    fn near(&self, view: &SceneView, found: &mut [Found; PACKET], active: u32) -> Option<Box<Near>> {
-        let rest = self.rest.as_ref()?;
-        let mut near = Box::new(Near { rays: self.rays, ahead: [0.0; PACKET] });
-        for i in bits(active) {
-            let placed = &view.scene.placement.placed[found[i].placed as usize];
-            let ray = &mut near.rays[i];
-            let ahead = (found[i].t - placed.extent()).max(0.0);
-            ray.origin += (ray.dir.as_dvec3() + rest[i].as_dvec3()) * ahead;
-            ray.cone.a += ray.cone.b * ahead as f32;
-            ray.t_min -= ahead;
-            found[i].t -= ahead;
-            near.ahead[i] = ahead;
-        }
-        Some(near)
-    }
-}
-
 impl Direct<'_> {
     /// Instruction set for packets.
     pub fn isa(&self) -> Isa {
@@ -209,48 +186,16 @@ impl Direct<'_> {
             let height = 1.0 - pixels.point(row * ACROSS as usize).1 as f32 / self.size.1 as f32;
             *back = self.view.scene.background.at(height);
         }
-        if self.is_empty(pixels) {
-            if pixels.sample == 0 {
-                scratch.first = First::NOTHING;
-            }
-            self.add(sums, &rows_of(&backs));
-            return Ok(());
+        if pixels.sample == 0 {
+            scratch.first.clear(self.asks);
         }
-        let met = match self.plain(pixels, active, &backs, number, scratch) {
-            plain::Outcome::Done => {
-                self.add(sums, scratch.plain.light());
-                return Ok(());
-            }
-            plain::Outcome::Met(met) => Some(met),
-            plain::Outcome::NotPlain => None,
-        };
-        let mut lanes = Lanes {
-            rays: [Ray::NONE; PACKET],
-            colour: [Vec3::ZERO; PACKET],
-            through: [1.0; PACKET],
-            rest: self.is_fine.then(|| Box::new([Vec3::ZERO; PACKET])),
-        };
-        for i in bits(active) {
-            let ((x, y), wide) = (pixels.point(i), pixels.width(pixels.step(i)));
-            let mut ray = self.rays.ray(x, y);
-            ray.cone = Cone { a: ray.cone.a * wide, b: ray.cone.b * wide };
-            lanes.rays[i] = ray;
-            if let Some(rest) = &mut lanes.rest {
-                rest[i] = self.rays.rest(x, y);
-            }
+        (scratch.light.colour, scratch.light.through) = ([[0.0; PACKET]; 3], [1.0; PACKET]);
+        if !self.is_empty(pixels) {
+            self.layers(pixels, active, number, scratch)?;
         }
-        self.layers(&mut lanes, active, met, pixels.sample == 0, scratch)?;
-        let mut all = [[0.0; PACKET]; 5];
-        for i in bits(active) {
-            let back = backs[i / ACROSS as usize];
-            let (through, c) = (lanes.through[i], lanes.colour[i]);
-            for axis in 0..3 {
-                all[axis][i] = c[axis] + through * back[axis];
-            }
-            all[3][i] = 1.0 - through + through * back[3];
-            all[4][i] = 1.0 - through;
-        }
-        self.add(sums, &all);
+        let Light { colour, through, all } = &mut *scratch.light;
+        dispatch(self.isa(), Over { colour, through, backs: &backs, all });
+        dispatch(self.isa(), Add { sums, colours: all });
         Ok(())
     }
 
@@ -258,11 +203,6 @@ impl Direct<'_> {
     /// centre and determines the first surface. All samples have the same weight in the colour.
     pub fn pixels(&self, at: (u32, u32), apart: (u32, u32), sample: u32) -> Pixels {
         Pixels { at, apart, offset: offset(sample), sample, widths: Widths::of(self.poe) }
-    }
-
-    /// Adds colours to sums: see [`Add`].
-    fn add(&self, sums: &mut Colours, colours: &Colours) {
-        dispatch(self.isa(), Add { sums, colours });
     }
 
     /// True if the rectangle of all hits does not overlap the pixels of a packet.
@@ -274,113 +214,51 @@ impl Direct<'_> {
         last.x < least.x || last.y < least.y || first.x > greatest.x || first.y > greatest.y
     }
 
-    /// Adds the light of surfaces, front to back, until no light is transmitted.
-    ///
-    /// `met`: mask of the rays with a hit, if they were traced already. The hits are in the scratch's `group`.
+    /// Sums the light of surfaces, front to back, until no light is transmitted.
     fn layers(
         &self,
-        lanes: &mut Lanes,
+        pixels: &Pixels,
         mut active: u32,
-        met: Option<u32>,
-        first: bool,
+        number: Option<usize>,
         scratch: &mut Scratch,
     ) -> Result<(), Need> {
-        if first {
-            scratch.first = First::NOTHING;
-        }
-        // Rays without a surface so far.
-        let mut fresh = active;
+        scratch.rest = None;
+        let mut met = self.trace_first(pixels, active, number, scratch)?;
+        // Pixels without a surface so far that store their first.
+        let mut fresh = if pixels.sample == 0 { active } else { 0 };
+        scratch.first.transmitted |= met.transmitted & fresh;
         for layer in 0..MAX_LAYERS {
+            if layer > 0 {
+                met = self.trace(active, scratch)?;
+            }
+            active &= met.rays;
             if active == 0 {
                 break;
             }
-            let (hits, transmitted) = match met.filter(|_| layer == 0) {
-                Some(met) => self.found_together(met, scratch),
-                None => self.trace(lanes, active, layer == 0, scratch)?,
-            };
-            if first && layer == 0 {
-                scratch.first.transmitted = transmitted & active;
+            if met.only.is_none() {
+                stand_in::ask_for(&self.view, &scratch.found[..], active);
             }
-            active &= hits;
-            if active == 0 {
-                break;
+            self.surfaces(met, active, fresh & active, scratch)?;
+            fresh &= !scratch.surfaces.met;
+            self.light(scratch)?;
+            let Scratch { surfaces, shading, light, rays, .. } = &mut *scratch;
+            let Light { colour, through, .. } = &mut **light;
+            shading.put(self.isa(), surfaces.met, &surfaces.opacity, through, colour);
+            let mut left = surfaces.at_origin;
+            for i in bits(surfaces.met) {
+                let is_through = through[i] >= LEAST_TRANSMITTANCE;
+                through[i] = if is_through { through[i] } else { 0.0 };
+                left |= u32::from(is_through) << i;
             }
-            let mut surfaces = scratch.surfaces.take().unwrap_or_else(|| Box::new([const { None }; PACKET]));
-            surfaces.fill_with(|| None);
-            let Scratch { found, wants, first: seen, .. } = &mut *scratch;
-            stand_in::ask_for(&self.view, found, active);
-            let near = lanes.near(&self.view, found, active);
-            let rays = near.as_ref().map_or(&lanes.rays, |near| &near.rays);
-            let ahead = |i: usize| near.as_ref().map_or(0.0, |near| near.ahead[i]);
-            for i in bits(active) {
-                let is_first = first && fresh >> i & 1 == 1;
-                let mut noted = Layer::MISS;
-                let note = is_first.then_some(&mut noted);
-                surfaces[i] = self.surface(&rays[i], ahead(i), &found[i], note, wants)?;
-                if is_first && surfaces[i].is_some() {
-                    seen.set(i, &noted);
-                    fresh &= !(1 << i);
-                }
-            }
-            self.light(&lanes.rays, &surfaces, active, scratch)?;
-            let surfaces = &*scratch.surfaces.insert(surfaces);
-            for i in bits(active) {
-                let Some(surface) = &surfaces[i] else {
-                    let found = &scratch.found[i];
-                    let extent = self.view.scene.placement.placed[found.placed as usize].extent();
-                    lanes.rays[i].t_min = found.t + extent * LEAVE;
-                    continue;
-                };
-                let opacity = surface.material.opacity;
-                lanes.colour[i] += scratch.shading.light(i) * (lanes.through[i] * opacity);
-                lanes.through[i] *= 1.0 - opacity;
-                lanes.rays[i].t_min = surface.next + ahead(i);
-                if lanes.through[i] < LEAST_TRANSMITTANCE {
-                    lanes.through[i] = 0.0;
-                    active &= !(1 << i);
-                }
-            }
+            active &= left;
+            bits(active).for_each(|i| rays.go_on(i, surfaces.next[i]));
         }
         Ok(())
     }
 
-    /// Traces rays. Returns the mask of those with a hit and the mask of those that stand-ins transmitted before, for
-    /// `active` rays and perhaps others. `all`: most rays are active.
-    fn trace(&self, lanes: &Lanes, active: u32, all: bool, scratch: &mut Scratch) -> Result<(u32, u32), Need> {
-        let (Scratch { camera, group, found, .. }, Lanes { rays, rest, .. }) = (&mut *scratch, lanes);
-        let together = if all && rest.is_none() {
-            group.trace::<false>(&self.view, rays, PACKET, &Alike::of(rays), true)
-        } else {
-            None
-        };
-        if let Some(hits) = together {
-            let hits = hits?;
-            return Ok(self.found_together(hits, scratch));
-        }
-        camera.begin_fine(&self.view, rays, rest.as_deref(), active);
-        if let Step::Pending(need) = self.view.trace_packet::<false>(rays, camera) {
-            return Err(need);
-        }
-        let (mut hits, mut transmitted) = (0, 0);
-        for i in bits(active) {
-            found[i] = *camera.best(i);
-            hits |= u32::from(found[i].is_hit()) << i;
-            transmitted |= u32::from(found[i].has_transmitted()) << i;
-        }
-        Ok((hits, transmitted))
-    }
-
-    /// Copies the hits of a packet from `group` to `found`. Returns the masks as [`Self::trace`] does.
-    fn found_together(&self, hits: u32, scratch: &mut Scratch) -> (u32, u32) {
-        for i in bits(hits) {
-            scratch.found[i] = scratch.group.found(i, true);
-        }
-        (hits, scratch.group.have_transmitted())
-    }
-
     /// Depth of the point at distance `t` from the eye.
-    pub(super) fn depth(&self, ray: &Ray, t: f64) -> f32 {
-        (ray.dir.as_dvec3() * t).dot(self.rays.forward()) as f32
+    pub(super) fn depth(&self, dir: Vec3, t: f64) -> f32 {
+        (dir.as_dvec3() * t).dot(self.rays.forward()) as f32
     }
 
     /// Returns the caller's ids of a part and its instance.
@@ -395,11 +273,6 @@ impl Direct<'_> {
     #[inline]
     pub(super) fn in_pixels(&self, error: f32, t: f64) -> f32 {
         error / (self.rays.pixel_width(t).max(f64::MIN_POSITIVE) as f32)
-    }
-
-    /// True if a light may cast shadows.
-    pub(super) fn casts(&self) -> bool {
-        self.view.scene.lights.iter().any(|light| light.kind != LightKind::Headlight)
     }
 
     /// Handles a missing block with a triangle's id, colours or normals. If missing data is accepted, wants the block,
@@ -419,13 +292,8 @@ impl Direct<'_> {
         instance.look.colour.is_some() || instance.parts.looks.coloured.get(&part).is_some_and(|s| s.colour.is_some())
     }
 
-    /// Returns the part's material, under the states of part and instance. `own` returns the hit's own colour.
-    pub(super) fn material(
-        &self,
-        placed: u32,
-        part: u32,
-        own: impl FnOnce() -> Result<Option<Vec3>, Need>,
-    ) -> Result<Material, Need> {
+    /// Returns the part's material, under the states of part and instance, and true if it is selected.
+    pub(super) fn material(&self, placed: u32, part: u32) -> (Material, bool) {
         let p = &self.view.scene.placement.placed[placed as usize];
         let instance = &self.view.scene.instances[p.instance as usize];
         let info = self.view.model_of(placed).parts().get(part as usize);
@@ -438,38 +306,60 @@ impl Direct<'_> {
             roughness: info.map_or(0.6, |i| i.roughness),
             glow: Vec3::ZERO,
         };
-        match state.and_then(|s| s.colour).or(instance.look.colour) {
-            Some([r, g, b, a]) => (material.colour, material.opacity) = (Vec3::new(r, g, b), a),
-            None => {
-                if let Some(colour) = own()? {
-                    material.colour = colour;
-                }
-            }
+        if let Some([r, g, b, a]) = state.and_then(|s| s.colour).or(instance.look.colour) {
+            (material.colour, material.opacity) = (Vec3::new(r, g, b), a);
         }
-        let selected = instance.look.selected || state.is_some_and(|s| s.selected);
-        Ok(if selected { material.selected() } else { material })
+        let is_selected = instance.look.selected || state.is_some_and(|s| s.selected);
+        (if is_selected { material.selected() } else { material }, is_selected)
     }
 }
 
-/// True if the plane of a triangle goes through the origin of a ray that hits it, up to [`AT_EYE`]. The answer
-/// is the same for all rays from there.
-pub fn is_at_origin(placed: &Placed, triangle: &Triangle, ray: &Ray) -> bool {
-    let org = placed.local_point(ray.origin);
-    let [a, b, c] = triangle.vertices.map(|v| v.as_dvec3());
+/// Greatest distance of the origin of a ray from the plane of a triangle in a placed tree, and from the tree's bounds,
+/// at which [`is_at_origin`] may be true.
+pub(super) fn may_be_at_origin(placed: &Placed) -> f64 {
+    // Coordinates are within the tree's extent, or a few of it; and cosines have roundings of their own.
+    4.0 * AT_EYE * placed.extent()
+}
+
+/// True if the plane of a triangle goes through the origin of a ray that hits it, up to [`AT_EYE`]. The answer is the
+/// same for all rays from there. From outside of the tree's bounds every plane is before the origin or behind it.
+pub fn is_at_origin(placed: &Placed, corners: &[Vec3; 3], origin: DVec3) -> bool {
+    let around = may_be_at_origin(placed);
+    if !placed.bounds.overlaps(&DBounds { min: origin - around, max: origin + around }) {
+        return false;
+    }
+    let org = placed.local_point(origin);
+    let [a, b, c] = corners.map(|v| v.as_dvec3());
     let size = a.abs().max(b.abs()).max(c.abs()).max(org.abs()).max_element();
     let normal = (b - a).cross(c - a);
     normal.dot(a - org).abs() <= AT_EYE * size * normal.length()
 }
 
-/// Expands the background of each row to all pixels of a packet.
-pub(super) fn rows_of(backs: &[[f32; 4]; DOWN as usize]) -> Colours {
-    let mut rows = [[0.0; PACKET]; 5];
-    for (row, back) in backs.iter().enumerate() {
-        for (all, back) in rows.iter_mut().zip(back) {
-            all[row * ACROSS as usize..][..ACROSS as usize].fill(*back);
+/// Puts the light of surfaces over the background of each row of pixels.
+struct Over<'a> {
+    colour: &'a Vectors,
+    through: &'a Row<f32>,
+    backs: &'a [[f32; 4]; DOWN as usize],
+    all: &'a mut Colours,
+}
+
+impl Op for Over<'_> {
+    type Out = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, _: S) {
+        let Self { colour, through, backs, all } = self;
+        for (row, back) in backs.iter().enumerate() {
+            for i in row * ACROSS as usize..(row + 1) * ACROSS as usize {
+                let behind = |back: f32| if through[i] == 0.0 { 0.0 } else { through[i] * back };
+                for axis in 0..3 {
+                    all[axis][i] = colour[axis][i] + behind(back[axis]);
+                }
+                all[3][i] = 1.0 - through[i] + behind(back[3]);
+                all[4][i] = 1.0 - through[i];
+            }
         }
     }
-    rows
 }
 
 /// Adds the colours of a sample.

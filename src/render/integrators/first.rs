@@ -1,35 +1,8 @@
 //! The first surface in each pixel.
 
+use super::direct::Asks;
 use crate::math::PACKET;
 use crate::query::{HitKind, NONE};
-
-/// The first surface in a pixel.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Layer {
-    pub depth: f32,
-    pub normal: [f32; 3],
-    pub shading_normal: [f32; 3],
-    pub part: u64,
-    pub prim: u64,
-    pub instance: u64,
-    pub kind: HitKind,
-    pub error: f32,
-    pub error_px: f32,
-}
-
-impl Layer {
-    pub const MISS: Self = Self {
-        depth: f32::INFINITY,
-        normal: [0.0; 3],
-        shading_normal: [0.0; 3],
-        part: NONE,
-        prim: NONE,
-        instance: NONE,
-        kind: HitKind::Miss,
-        error: 0.0,
-        error_px: 0.0,
-    };
-}
 
 /// The first surfaces in the pixels of a packet. Values that are not requested may be those of an earlier packet.
 pub(crate) struct First {
@@ -61,23 +34,31 @@ impl First {
         transmitted: 0,
         inexact: 0,
         error_px: [0.0; PACKET],
-        depth: [Layer::MISS.depth; PACKET],
-        normal: [Layer::MISS.normal; PACKET],
-        shading_normal: [Layer::MISS.normal; PACKET],
+        depth: [f32::INFINITY; PACKET],
+        normal: [[0.0; 3]; PACKET],
+        shading_normal: [[0.0; 3]; PACKET],
         part: [NONE; PACKET],
         prim: [NONE; PACKET],
         instance: [NONE; PACKET],
         error: [0.0; PACKET],
     };
 
-    pub(super) fn set(&mut self, i: usize, seen: &Layer) {
-        self.met |= u32::from(seen.kind != HitKind::Miss) << i;
-        self.lod |= u32::from(seen.kind == HitKind::Lod) << i;
-        self.missing |= u32::from(seen.kind == HitKind::Missing) << i;
-        self.inexact |= u32::from(seen.error_px != 0.0) << i;
-        (self.depth[i], self.normal[i], self.shading_normal[i]) = (seen.depth, seen.normal, seen.shading_normal);
-        (self.part[i], self.prim[i], self.instance[i]) = (seen.part, seen.prim, seen.instance);
-        (self.error[i], self.error_px[i]) = (seen.error, seen.error_px);
+    /// Removes all hits from what `asks` asks for.
+    pub(super) fn clear(&mut self, asks: Asks) {
+        let Self { met, lod, missing, transmitted, inexact, .. } = self;
+        (*met, *lod, *missing, *transmitted, *inexact) = (0, 0, 0, 0, 0);
+        if asks.precise {
+            (self.depth, self.error) = (Self::NOTHING.depth, Self::NOTHING.error);
+        }
+        if asks.normals {
+            (self.normal, self.shading_normal) = (Self::NOTHING.normal, Self::NOTHING.normal);
+        }
+        if asks.ids {
+            (self.part, self.instance) = (Self::NOTHING.part, Self::NOTHING.part);
+        }
+        if asks.prims {
+            self.prim = Self::NOTHING.prim;
+        }
     }
 
     /// Returns the error of pixel `i`: infinite for a triangle or a miss behind a transmitting stand-in.

@@ -1,6 +1,5 @@
 //! Reflection of light: Lambert's diffuse term and a Blinn highlight. Two-sided, never NaN.
 
-use crate::lod::Facing;
 use glam::Vec3;
 
 /// Reflective properties of a surface.
@@ -19,28 +18,12 @@ pub(crate) struct Material {
 }
 
 /// Colour that is blended into selected surfaces.
-const SELECTED: Vec3 = Vec3::new(1.0, 0.42, 0.04);
+pub(super) const SELECTED: Vec3 = Vec3::new(1.0, 0.42, 0.04);
 
 impl Material {
     /// Returns the material of a selected surface.
     pub fn selected(self) -> Self {
         Self { colour: self.colour.lerp(SELECTED, 0.65), glow: self.glow + SELECTED * 0.18, ..self }
-    }
-
-    /// Returns the light reflected towards `to_eye` from a light of `irradiance` in the direction `to_light`. The
-    /// irradiance is that on a surface facing the light. All directions are unit vectors, and the normal points to the
-    /// eye's side. A white matt surface that faces the light reflects the irradiance: factors of pi are left out on
-    /// both sides. `facing`: the visible normals, for the cosine factor; `normal`: the normal for the highlight.
-    #[inline]
-    pub fn lit(&self, normal: Vec3, facing: &Facing, to_eye: Vec3, to_light: Vec3, irradiance: Vec3) -> Vec3 {
-        // The half vector of a headlight points to the eye.
-        let is_ahead = to_eye == to_light;
-        let half = if is_ahead { to_eye } else { (to_eye + to_light).normalize_or_zero() };
-        // All visible normals face the eye, so their mean gives the cosine.
-        let cosine = if is_ahead { facing.mean().dot(to_light) } else { facing.cosine(to_light) };
-        let gloss = Gloss::of(self);
-        let lobe = power(normal.dot(half).max(0.0), gloss.exponent);
-        gloss.lit(self.colour, cosine, half.dot(to_light), lobe, irradiance)
     }
 }
 
@@ -73,9 +56,11 @@ impl Gloss {
         }
     }
 
-    /// Returns the reflected light: see [`Material::lit`]. `cosine`: between normal and light; `aslant`: between light
-    /// and half vector; `lobe`: the cosine between normal and half vector, raised to the exponent. The highlight is
-    /// Blinn's normalised distribution with Schlick's reflectance, and fades out towards full roughness.
+    /// Returns the light reflected from a light of `irradiance`: that on a surface facing the light. A white matt surface
+    /// that faces the light reflects the irradiance: factors of pi are left out on both sides. `cosine`: between normal
+    /// and light; `aslant`: between light and half vector; `lobe`: the cosine between normal and half vector, raised to
+    /// the exponent. The highlight is Blinn's normalised distribution with Schlick's reflectance, and fades out towards
+    /// full roughness.
     #[inline(always)]
     pub fn lit(&self, colour: Vec3, cosine: f32, aslant: f32, lobe: f32, irradiance: Vec3) -> Vec3 {
         let facing = Vec3::splat(0.04).lerp(colour, self.metalness);
@@ -120,14 +105,21 @@ mod tests {
         Material { colour: Vec3::ONE, opacity: 1.0, metalness: 0.0, roughness, glow: Vec3::ZERO }
     }
 
+    /// The light reflected from a surface with a normal towards Z.
+    fn lit(material: &Material, to_eye: Vec3, to_light: Vec3, irradiance: Vec3) -> Vec3 {
+        let (half, gloss) = ((to_eye + to_light).normalize_or_zero(), Gloss::of(material));
+        let lobe = power(Vec3::Z.dot(half).max(0.0), gloss.exponent);
+        gloss.lit(material.colour, Vec3::Z.dot(to_light), half.dot(to_light), lobe, irradiance)
+    }
+
     #[test]
     fn white_matt_reflects_the_cosine() {
         for cosine in [1.0f32, 0.5, 0.25, 0.0] {
             let light = Vec3::new((1.0 - cosine * cosine).sqrt(), 0.0, cosine);
-            let lit = white(1.0).lit(Vec3::Z, &Facing::flat(Vec3::Z), Vec3::Z, light, Vec3::ONE);
+            let lit = lit(&white(1.0), Vec3::Z, light, Vec3::ONE);
             assert!((lit - Vec3::splat(cosine)).abs().max_element() < 1e-6, "{lit}");
         }
-        assert_eq!(white(0.2).lit(Vec3::Z, &Facing::flat(Vec3::Z), Vec3::Z, -Vec3::Z, Vec3::ONE), Vec3::ZERO);
+        assert_eq!(lit(&white(0.2), Vec3::Z, -Vec3::Z, Vec3::ONE), Vec3::ZERO);
     }
 
     #[test]
@@ -136,7 +128,7 @@ mod tests {
             for light in [Vec3::Z, -Vec3::Z, Vec3::X, Vec3::ZERO] {
                 for metalness in [0.0, 1.0] {
                     let m = Material { metalness, ..white(roughness) };
-                    assert!(m.lit(Vec3::Z, &Facing::flat(Vec3::Z), -light, light, Vec3::splat(1e6)).is_finite());
+                    assert!(lit(&m, -light, light, Vec3::splat(1e6)).is_finite());
                 }
             }
         }

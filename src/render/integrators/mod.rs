@@ -1,14 +1,14 @@
 //! Integrators: algorithms that compute the colours of pixels.
 
+mod camera;
 pub mod direct;
 pub mod first;
 pub mod material;
-pub mod plain;
+mod rays;
 mod sampling;
 mod shading;
 mod shadow;
-mod smooth;
-mod surface;
+mod surfaces;
 
 use crate::math::srgb::Srgb;
 use crate::math::{BUNDLE, PACKET};

@@ -1,13 +1,11 @@
-//! Light on the surfaces that a packet's rays hit, one column per ray. Ambient light and headlights are computed for
-//! all rays at once with SIMD. Lights that may cast shadows are computed ray by ray, because shadow rays take most of
-//! their time.
+//! Light on the surfaces that a packet's rays hit, one column per ray.
 #![allow(clippy::needless_range_loop)] // each loop indexes several arrays
 
-use super::Colours;
 use super::direct::{Direct, Scratch};
 use super::material::{Gloss, Material, powers};
-use super::surface::{Surface, aim};
-use crate::math::{PACKET, Ray, bits};
+use super::surfaces::{Leaving, Surfaces};
+use crate::lod::{Facing, mean_cosine};
+use crate::math::{Cone, PACKET, Ray, bits};
 use crate::scene::Light;
 use crate::scene::light::LightKind;
 use crate::scene::walk::Need;
@@ -101,31 +99,45 @@ impl Shading {
         dispatch(isa, Headlights { all: self, lights });
     }
 
-    /// Returns the least distance of the eye from the planes of the triangles that `rays` hit at distance `t`.
-    /// `across`: the rays' unit directions, and the triangles' unit normals.
-    pub fn least_height(&self, isa: Isa, rays: u32, across: [&Vectors; 2], t: &Row<f32>) -> f32 {
-        dispatch(isa, LeastHeight { across, rays, t })
+    /// Returns those of `rays` whose origins are at most `most` from the planes of the triangles that they hit at
+    /// distance `t`. `across`: the rays' unit directions, and the triangles' unit normals.
+    pub fn low(isa: Isa, rays: u32, across: [&Vectors; 2], t: &Row<f64>, most: f32) -> u32 {
+        dispatch(isa, Low { across, rays, t, most })
     }
 
-    /// Returns the light from the hit of ray `i`.
-    pub fn light(&self, i: usize) -> Vec3 {
-        column(&self.sum, i)
-    }
-
-    /// Writes the light of the rays in `met`, all from opaque surfaces, over the background in `out`.
-    pub fn put(&self, isa: Isa, met: u32, out: &mut Colours) {
-        dispatch(isa, Put { all: self, met, out });
+    /// Adds the light of the surfaces that `rays` hit to `colour`, as far as light is transmitted to the eye.
+    pub fn put(&self, isa: Isa, rays: u32, opacity: &Row<f32>, through: &mut Row<f32>, colour: &mut Vectors) {
+        dispatch(isa, Put { all: self, rays, opacity, through, colour });
     }
 }
 
+/// Column `i` of three rows.
 #[inline(always)]
-fn column(rows: &Vectors, i: usize) -> Vec3 {
+pub(super) fn column(rows: &Vectors, i: usize) -> Vec3 {
     Vec3::new(rows[0][i], rows[1][i], rows[2][i])
 }
 
+/// Sets column `i` of three rows.
 #[inline(always)]
-fn set_column(rows: &mut Vectors, i: usize, v: Vec3) {
+pub(super) fn set_column(rows: &mut Vectors, i: usize, v: Vec3) {
     (rows[0][i], rows[1][i], rows[2][i]) = (v.x, v.y, v.z);
+}
+
+/// Raises each element of `x` to the power in `exponents`, for the rays of `among`.
+#[inline(always)]
+fn all_powers(x: &Row<f32>, exponents: &Row<u32>, among: u32, out: &mut Row<f32>) {
+    let mut left = among;
+    while left != 0 {
+        let one = exponents[left.trailing_zeros() as usize & (PACKET - 1)];
+        let mut powers_of_one = [0.0; PACKET];
+        powers(x, one, &mut powers_of_one);
+        let mut is_like = [0; PACKET];
+        for i in 0..PACKET {
+            out[i] = if exponents[i] == one { powers_of_one[i] } else { out[i] };
+            is_like[i] = u32::from(exponents[i] == one) << i;
+        }
+        left &= !is_like.iter().fold(0, |all, it| all | it);
+    }
 }
 
 struct Begin<'a> {
@@ -156,18 +168,7 @@ impl Op for Begin<'_> {
             ahead[i] = cosine.max(0.0);
             facing[i] = if faced >> i & 1 == 1 { facing[i] } else { cosine };
         }
-        let mut left = met;
-        while left != 0 {
-            let one = exponent[left.trailing_zeros() as usize & (PACKET - 1)];
-            let mut powers_of_one = [0.0; PACKET];
-            powers(&ahead, one, &mut powers_of_one);
-            let mut is_like = [0; PACKET];
-            for i in 0..PACKET {
-                lobe[i] = if exponent[i] == one { powers_of_one[i] } else { lobe[i] };
-                is_like[i] = u32::from(exponent[i] == one) << i;
-            }
-            left &= !is_like.iter().fold(0, |all, it| all | it);
-        }
+        all_powers(&ahead, exponent, met, lobe);
         for i in 0..PACKET {
             let own = column(colour, i) * ambient + column(glow, i);
             (sum[0][i], sum[1][i], sum[2][i]) = (own.x, own.y, own.z);
@@ -203,31 +204,34 @@ impl Op for Headlights<'_> {
     }
 }
 
-struct LeastHeight<'a> {
+struct Low<'a> {
     across: [&'a Vectors; 2],
     rays: u32,
-    t: &'a Row<f32>,
+    t: &'a Row<f64>,
+    most: f32,
 }
 
-impl Op for LeastHeight<'_> {
-    type Out = f32;
+impl Op for Low<'_> {
+    type Out = u32;
 
     #[inline(always)]
-    fn run<S: Simd>(self, _: S) -> f32 {
-        let Self { across: [dir, normal], .. } = self;
-        let mut height = [0.0; PACKET];
+    fn run<S: Simd>(self, _: S) -> u32 {
+        let Self { across: [dir, normal], t, most, .. } = self;
+        let mut is_low = [0; PACKET];
         for i in 0..PACKET {
-            let of_hit = (self.t[i] * column(dir, i).dot(column(normal, i))).abs();
-            height[i] = if self.rays >> i & 1 == 1 { of_hit } else { f32::INFINITY };
+            let height = (t[i] as f32 * column(dir, i).dot(column(normal, i))).abs();
+            is_low[i] = u32::from(height <= most) << i;
         }
-        height.into_iter().fold(f32::INFINITY, f32::min)
+        self.rays & is_low.iter().fold(0, |all, it| all | it)
     }
 }
 
 struct Put<'a> {
     all: &'a Shading,
-    met: u32,
-    out: &'a mut Colours,
+    rays: u32,
+    opacity: &'a Row<f32>,
+    through: &'a mut Row<f32>,
+    colour: &'a mut Vectors,
 }
 
 impl Op for Put<'_> {
@@ -235,43 +239,106 @@ impl Op for Put<'_> {
 
     #[inline(always)]
     fn run<S: Simd>(self, _: S) {
-        let Self { all: Shading { sum, .. }, met, out } = self;
-        let mut mask = [0; PACKET];
-        for i in 0..PACKET {
-            mask[i] = 0u32.wrapping_sub(met >> i & 1);
-        }
+        let Self { all: Shading { sum, .. }, rays, opacity, through, colour } = self;
         for axis in 0..3 {
             for i in 0..PACKET {
-                out[axis][i] = f32::from_bits(sum[axis][i].to_bits() & mask[i] | out[axis][i].to_bits() & !mask[i]);
+                let more = colour[axis][i] + sum[axis][i] * (through[i] * opacity[i]);
+                colour[axis][i] = if rays >> i & 1 == 1 { more } else { colour[axis][i] };
             }
         }
-        for whole in 3..5 {
+        for i in 0..PACKET {
+            let left = through[i] * (1.0 - opacity[i]);
+            through[i] = if rays >> i & 1 == 1 { left } else { through[i] };
+        }
+    }
+}
+
+/// A light as seen from the points of surfaces, one column each.
+struct Aim {
+    /// Unit directions to the light.
+    to_light: Vectors,
+    /// Irradiance on surfaces that face the light.
+    irradiance: Vectors,
+    /// Rays with a light in reach.
+    lit: u32,
+}
+
+/// Reflects the light of a source on surfaces: see [`Gloss::lit`].
+struct Reflect<'a> {
+    all: &'a Shading,
+    dir: &'a Vectors,
+    aim: &'a Aim,
+    /// Visible normals of the stand-ins that the rays in `cells` hit.
+    facing: &'a [Facing; PACKET],
+    cells: u32,
+    out: &'a mut Vectors,
+}
+
+impl Op for Reflect<'_> {
+    type Out = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, _: S) {
+        let Self { all, dir, aim: Aim { to_light, irradiance, lit }, facing, cells, out } = self;
+        let Shading { normal, colour, metalness, diffuse, smooth, gain, exponent, .. } = all;
+        let (mut cosines, mut halves, mut aslant) = ([0.0; PACKET], [0.0; PACKET], [0.0; PACKET]);
+        for i in 0..PACKET {
+            let (to_eye, to_light, normal) = (-column(dir, i), column(to_light, i), column(normal, i));
+            // The half vector of a light at the eye points there.
+            let half = if to_eye == to_light { to_eye } else { (to_eye + to_light).normalize_or_zero() };
+            cosines[i] = if to_eye == to_light { normal.dot(to_light) } else { mean_cosine(normal, to_light) };
+            halves[i] = normal.dot(half).max(0.0);
+            aslant[i] = half.dot(to_light);
+        }
+        for i in bits(*lit & cells) {
+            // All visible normals face the eye, so their mean gives the cosine of a light there.
+            let (to_eye, to_light) = (-column(dir, i), column(to_light, i));
+            cosines[i] = if to_eye == to_light { facing[i].mean().dot(to_light) } else { facing[i].cosine(to_light) };
+        }
+        let mut lobe = [0.0; PACKET];
+        all_powers(&halves, exponent, *lit, &mut lobe);
+        for i in 0..PACKET {
+            let gloss = Gloss {
+                metalness: metalness[i],
+                diffuse: diffuse[i],
+                smooth: smooth[i],
+                gain: gain[i],
+                exponent: exponent[i],
+            };
+            let one = gloss.lit(column(colour, i), cosines[i], aslant[i], lobe[i], column(irradiance, i));
+            (out[0][i], out[1][i], out[2][i]) = (one.x, one.y, one.z);
+        }
+    }
+}
+
+/// Adds light to the sums of the rays in `among`, times the fraction that arrives.
+struct AddLight<'a> {
+    sum: &'a mut Vectors,
+    light: &'a Vectors,
+    through: &'a Row<f32>,
+    among: u32,
+}
+
+impl Op for AddLight<'_> {
+    type Out = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, _: S) {
+        let Self { sum, light, through, among } = self;
+        for axis in 0..3 {
             for i in 0..PACKET {
-                out[whole][i] = f32::from_bits(1.0f32.to_bits() & mask[i] | out[whole][i].to_bits() & !mask[i]);
+                let all = sum[axis][i] + light[axis][i] * through[i];
+                sum[axis][i] = if among >> i & 1 == 1 { all } else { sum[axis][i] };
             }
         }
     }
 }
 
 impl Direct<'_> {
-    /// Sums the lights on the surfaces that `rays` hit, in the scratch's [`Shading`].
-    pub(super) fn light(
-        &self,
-        rays: &[Ray; PACKET],
-        surfaces: &[Option<Surface>; PACKET],
-        active: u32,
-        scratch: &mut Scratch,
-    ) -> Result<(), Need> {
-        let shading = &mut scratch.shading;
-        let mut dir = [[0.0; PACKET]; 3];
-        for i in bits(active) {
-            let Some(s) = &surfaces[i] else { continue };
-            shading.set_material(1 << i, false, &s.material);
-            set_column(&mut dir, i, rays[i].dir);
-            set_column(&mut shading.normal, i, s.normal);
-            shading.facing[i] = s.facing.mean().dot(-rays[i].dir);
-        }
-        shading.begin(self.isa(), &dir, [active, active], self.ambient);
+    /// Sums the light on the surfaces of the scratch's packet.
+    pub(super) fn light(&self, scratch: &mut Scratch) -> Result<(), Need> {
+        let Scratch { rays, surfaces, shading, .. } = scratch;
+        shading.begin(self.isa(), rays.dirs(), [surfaces.met, surfaces.cells], self.ambient);
         let is_headlight = |light: &Light| light.kind == LightKind::Headlight;
         // The order is that of the scene, because the rounding of sums depends on it.
         for lights in self.view.scene.lights.chunk_by(|a, b| is_headlight(a) == is_headlight(b)) {
@@ -280,38 +347,75 @@ impl Direct<'_> {
                 continue;
             }
             for light in lights {
-                self.cast(light, rays, surfaces, active, scratch)?;
+                self.cast(light, scratch)?;
             }
         }
         Ok(())
     }
 
     /// Adds a light that may cast shadows.
-    fn cast(
-        &self,
-        light: &Light,
-        rays: &[Ray; PACKET],
-        surfaces: &[Option<Surface>; PACKET],
-        active: u32,
-        scratch: &mut Scratch,
-    ) -> Result<(), Need> {
-        let mut answer = [Vec3::ZERO; PACKET];
-        let mut shadow = [Ray::NONE; PACKET];
+    fn cast(&self, light: &Light, scratch: &mut Scratch) -> Result<(), Need> {
+        let Scratch { rays, surfaces, shading, .. } = &mut *scratch;
+        let Some(aim) = aim(light, surfaces) else { return Ok(()) };
+        let (leaving, mut lit) = (&surfaces.leaving, [[0.0; PACKET]; 3]);
+        let cells = surfaces.cells;
+        dispatch(
+            self.isa(),
+            Reflect { all: shading, dir: rays.dirs(), aim: &aim, facing: &leaving.facing, cells, out: &mut lit },
+        );
         let mut asked = 0;
-        for i in bits(active) {
-            let Some(s) = &surfaces[i] else { continue };
-            let Some(aim) = aim(light, s) else { continue };
-            answer[i] = s.material.lit(s.normal, &s.facing, -rays[i].dir, aim.to_light, aim.irradiance);
-            if answer[i] != Vec3::ZERO && light.shadows {
-                shadow[i] = aim.shadow;
-                asked |= 1 << i;
+        if light.shadows {
+            for i in 0..PACKET {
+                let is_lit = lit[0][i] != 0.0 || lit[1][i] != 0.0 || lit[2][i] != 0.0;
+                asked |= (u32::from(is_lit) & aim.lit >> i) << i;
             }
         }
-        let through = self.unshadowed(&mut shadow, asked, scratch)?;
-        for i in bits(active) {
-            let sum = scratch.shading.light(i) + answer[i] * through[i];
-            set_column(&mut scratch.shading.sum, i, sum);
+        let mut through = [1.0; PACKET];
+        if asked != 0 {
+            let mut shadow = [Ray::NONE; PACKET];
+            bits(asked).for_each(|i| shadow[i] = toward(light, leaving, i, column(&aim.to_light, i)));
+            self.unshadowed(&mut shadow, asked, &mut through, scratch)?;
         }
+        let sum = &mut scratch.shading.sum;
+        dispatch(self.isa(), AddLight { sum, light: &lit, through: &through, among: aim.lit });
         Ok(())
     }
+}
+
+/// Returns the directions and the irradiance of a light that is not at the eye; `None` if it reaches no surface.
+fn aim(light: &Light, surfaces: &Surfaces) -> Option<Aim> {
+    let strength = Vec3::from(light.colour) * light.intensity;
+    let of = |v: Vec3| v.to_array().map(|x| [x; PACKET]);
+    match light.kind {
+        LightKind::Headlight => None,
+        LightKind::Directional(dir) => {
+            let to_light = of(-dir.try_normalize()?.as_vec3());
+            Some(Aim { to_light, irradiance: of(strength), lit: surfaces.met })
+        }
+        LightKind::Point(point) => {
+            let mut aim = Aim { to_light: of(Vec3::ZERO), irradiance: of(Vec3::ZERO), lit: 0 };
+            for i in bits(surfaces.met) {
+                let way = point - surfaces.leaving.position[i];
+                let Some(to_light) = way.try_normalize() else { continue };
+                set_column(&mut aim.to_light, i, to_light.as_vec3());
+                let irradiance = strength * (1.0 / way.length_squared()).min(1e30) as f32;
+                set_column(&mut aim.irradiance, i, irradiance);
+                aim.lit |= 1 << i;
+            }
+            Some(aim)
+        }
+    }
+}
+
+/// Returns the shadow ray of ray `i`'s surface. Its `t_min` is [`Leaving::near`].
+fn toward(light: &Light, leaving: &Leaving, i: usize, to_light: Vec3) -> Ray {
+    let (from, near) = (leaving.from[i], leaving.near[i]);
+    let cone = Cone { a: leaving.width[i], b: 0.0 };
+    let LightKind::Point(point) = light.kind else {
+        return Ray { cone, t_min: near, ..Ray::new(from, to_light) };
+    };
+    // The origin of the shadow ray is up to a cell nearer to the light than the surface, or even behind the light.
+    let way = point - from;
+    let t_max = way.length() * (1.0 - 1e-6);
+    Ray { t_min: near.min(t_max), t_max, cone, ..Ray::new(from, way.normalize_or_zero().as_vec3()) }
 }

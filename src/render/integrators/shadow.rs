@@ -2,28 +2,27 @@
 //! it transmits towards the eye.
 
 use super::direct::{Direct, LEAST_TRANSMITTANCE, LEAVE, MAX_LAYERS, Scratch};
+use super::shading::Row;
 use crate::math::PACKET;
 use crate::math::bits;
 use crate::math::{Cone, Ray};
 use crate::query::stand_in;
 use crate::render::wants::Wants;
-use crate::scene::packet::ScenePacket;
-use crate::scene::walk::{Found, Need, Step};
+use crate::scene::Group;
+use crate::scene::walk::{Found, Need};
 
 impl Direct<'_> {
-    /// Returns the fraction of light that arrives along each ray in `asked`; 1 for other rays. The rays must have unit
-    /// directions; the call changes them. Up to its `t_min` a ray tests only triangles, as if its cone were zero.
+    /// Writes the fraction of light that arrives along each ray in `asked` to `through`, which holds 1 for all rays. The
+    /// rays must have unit directions; the call changes them. Up to its `t_min` a ray tests only triangles, as if its
+    /// cone were zero.
     pub(super) fn unshadowed(
         &self,
         rays: &mut [Ray; PACKET],
         asked: u32,
+        through: &mut Row<f32>,
         scratch: &mut Scratch,
-    ) -> Result<[f32; PACKET], Need> {
-        let Scratch { shadow: packet, wants, .. } = scratch;
-        let mut through = [1.0; PACKET];
-        if asked == 0 {
-            return Ok(through);
-        }
+    ) -> Result<(), Need> {
+        let Scratch { shadow: group, wants, .. } = scratch;
         let mut dark = 0;
         let near = bits(asked).filter(|&i| rays[i].t_min > 0.0).fold(0, |m, i| m | 1 << i);
         if near != 0 {
@@ -31,29 +30,32 @@ impl Direct<'_> {
             for i in bits(near) {
                 short[i] = Ray { t_min: 0.0, t_max: rays[i].t_min, cone: Cone::ZERO, ..rays[i] };
             }
-            dark = self.met::<true>(&short, near, packet)?;
-            self.want(dark, packet, wants);
+            dark = group.trace_among::<true>(&self.view, &mut short, near)?;
+            self.want(dark, group, wants);
             // Transparent surfaces on these rays are searched from 0 with zero cones, because stand-ins of the lit
             // surface itself may be near the origin.
             bits(dark).for_each(|i| (rays[i].t_min, rays[i].cone) = (0.0, Cone::ZERO));
         }
+        if self.view.scene.see_through {
+            return self.go_through(rays, asked, through, (group, wants));
+        }
         if asked & !dark != 0 {
-            let far = self.met::<true>(rays, asked & !dark, packet)?;
-            self.want(far, packet, wants);
+            let far = group.trace_among::<true>(&self.view, rays, asked & !dark)?;
+            self.want(far, group, wants);
             dark |= far;
         }
-        if self.view.scene.see_through {
-            self.go_through(rays, dark, &mut through, packet)?;
-        } else {
-            bits(dark).for_each(|i| through[i] = 0.0);
-        }
-        Ok(through)
+        bits(dark).for_each(|i| through[i] = 0.0);
+        Ok(())
     }
 
     /// Wants the missing blocks of the stand-ins that rays in `met` hit.
-    fn want(&self, met: u32, packet: &ScenePacket, wants: &mut Wants) {
+    fn want(&self, met: u32, group: &Group, wants: &mut Wants) {
+        if !self.view.accept_missing {
+            return;
+        }
         for i in bits(met) {
-            if let Some(need) = self.view.wanted(packet.best(i)) {
+            let found = group.found(i, true);
+            if let Some(need) = self.view.wanted(found.placed, &found.tri) {
                 wants.add(need, 1.0);
             }
         }
@@ -64,44 +66,37 @@ impl Direct<'_> {
         &self,
         rays: &mut [Ray; PACKET],
         mut active: u32,
-        through: &mut [f32; PACKET],
-        packet: &mut ScenePacket,
+        through: &mut Row<f32>,
+        (group, wants): (&mut Group, &mut Wants),
     ) -> Result<(), Need> {
         for _ in 0..MAX_LAYERS {
             if active == 0 {
                 break;
             }
-            active = self.met::<false>(rays, active, packet)?;
+            active = group.trace_among::<false>(&self.view, rays, active)?;
+            self.want(active, group, wants);
             for i in bits(active) {
-                let found = packet.best(i);
-                through[i] *= 1.0 - self.opacity(&rays[i], found)?;
-                let behind = stand_in::look(&self.view, &rays[i], found).map_or(found.t, |look| look.leave());
-                rays[i].t_min = behind + self.view.scene.placement.placed[found.placed as usize].extent() * LEAVE;
+                let found = group.found(i, true);
+                through[i] *= 1.0 - self.opacity(&rays[i], &found)?;
                 if through[i] < LEAST_TRANSMITTANCE {
                     through[i] = 0.0;
                     active &= !(1 << i);
+                    continue;
                 }
+                let behind = stand_in::look(&self.view, &rays[i], &found).map_or(found.t, |look| look.leave());
+                rays[i].t_min = behind + self.view.scene.placement.placed[found.placed as usize].extent() * LEAVE;
             }
         }
         Ok(())
     }
 
-    /// Returns the mask of the rays that hit something.
-    fn met<const ANY: bool>(&self, rays: &[Ray; PACKET], asked: u32, packet: &mut ScenePacket) -> Result<u32, Need> {
-        packet.begin(&self.view, rays, asked);
-        match self.view.trace_packet::<ANY>(rays, packet) {
-            Step::Pending(need) => Err(need),
-            Step::Done => Ok(bits(asked).filter(|&i| packet.best(i).is_hit()).fold(0, |m, i| m | 1 << i)),
-        }
-    }
-
     /// Returns the opacity of the hit surface, under the states of part and instance.
     fn opacity(&self, ray: &Ray, found: &Found) -> Result<f32, Need> {
         if let Some(look) = stand_in::look(&self.view, ray, found) {
-            return self.material(found.placed, look.part(), || Ok(None)).map(|material| material.opacity);
+            return Ok(self.material(found.placed, look.part()).0.opacity);
         }
         let (_, part) = self.view.triangle(found)?;
         // The colours of single triangles have no opacity.
-        self.material(found.placed, part, || Ok(None)).map(|material| material.opacity)
+        Ok(self.material(found.placed, part).0.opacity)
     }
 }

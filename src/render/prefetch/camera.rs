@@ -64,7 +64,7 @@ impl InView {
         if !found.is_hit() {
             return false;
         }
-        let Some(need) = view.wanted(&found) else { return look_beside(view, &found, lacking) };
+        let Some(need) = view.wanted(found.placed, &found.tri) else { return look_beside(view, &found, lacking) };
         let (t, error) = stand_in::look(view, &ray, &found).map_or((found.t, 0.0), |look| (look.t, look.error()));
         let width = f64::from(pixel.a) + f64::from(pixel.b) * t;
         lacking.add(need, (f64::from(error) / width.max(f64::MIN_POSITIVE)) as f32);
