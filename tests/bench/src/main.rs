@@ -11,6 +11,7 @@ mod counted;
 mod common;
 mod data;
 mod decode;
+mod everyday;
 mod expected;
 mod failure;
 mod ours;
