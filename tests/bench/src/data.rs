@@ -180,6 +180,8 @@ pub enum Measure {
     Build,
     /// Time from stored bytes in memory to what rays read.
     Decode,
+    /// CPU time of exact pictures in one thread, in each setting alone and in all together, beside Embree.
+    Settings,
 }
 
 /// What is traced.
@@ -422,6 +424,9 @@ impl Benchmark {
                 fault("cold pictures take structures, views, budgets and rates".into())
             }
             Measure::Build if self.structures.is_empty() => fault("builds take structures".into()),
+            Measure::Settings if self.structures.len() != 1 || self.views.len() != 1 || self.threads != [1] => {
+                fault("settings take one structure, one view and one thread".into())
+            }
             Measure::Decode if self.structures.is_empty() || self.threads != [1] => {
                 fault("decoding takes structures and one thread".into())
             }
@@ -497,6 +502,9 @@ mod tests {
                 .expect_err("two threads")
                 .contains("one thread")
         );
+        let settings = format!("{STRUCTURE}{SCENE}{}", TRACE.replace("'trace'", "'settings'").replace("[0, 2]", "[0]"));
+        assert!(Data::parse(&settings).is_ok());
+        assert!(Data::parse(&settings.replace("[0]", "[0, 1]")).expect_err("two views").contains("one view"));
         assert!(wrong("name = 'b'", "name = 'b'\npeer = 'x'").contains("peer"));
         let twice = SCENE.replace("triangles", "also_at = [[9, 0, 0]]\ntriangles");
         let many = |trace: &str| Data::parse(&format!("{STRUCTURE}{twice}{trace}"));

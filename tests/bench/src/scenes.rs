@@ -147,7 +147,7 @@ impl Scene {
     }
 
     /// The model that `build` makes, made by this very program: a model of an older version is replaced.
-    fn kept(
+    pub fn kept(
         &self,
         structure: &StructureRow,
         called: &str,

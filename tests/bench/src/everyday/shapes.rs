@@ -32,8 +32,8 @@ impl Shape {
     }
 }
 
-/// A surface of revolution about z with open ends: `profile` holds radius and height; a last point that is the first one
-/// closes it to a hoop.
+/// A surface of revolution about z with open ends: `profile` holds radius and height. If its last point is the first
+/// one, the surface is a closed hoop.
 pub fn lathe(profile: &[(f64, f64)], sides: usize) -> Shape {
     let ring = |&(r, z): &(f64, f64)| around(sides).map(|(c, s)| DVec3::new(r * c, r * s, z)).collect();
     Shape::of_rings(&profile.iter().map(ring).collect::<Vec<_>>())
