@@ -53,7 +53,7 @@ impl StructureRow {
     }
 }
 
-/// A scene: exactly one of `generator`, `formula`, `file` and `assembly` gives its triangles.
+/// A scene: exactly one of `generator`, `formula`, `file`, `assembly` and `everyday` gives its triangles.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SceneRow {
@@ -68,6 +68,8 @@ pub struct SceneRow {
     pub seed: u64,
     /// An assembly of `src/assemblies`, whose meshes are placed; `count` and `triangles` are its size.
     pub assembly: Option<String>,
+    /// A scene of `src/everyday`, with the number of triangles and the seed.
+    pub everyday: Option<String>,
     /// Further places of the model in the scene, beside the one at the origin.
     #[serde(default)]
     pub also_at: Vec<[f64; 3]>,
@@ -77,6 +79,8 @@ pub struct SceneRow {
     pub count: usize,
     /// A file of the models folder; where it is missing the scene's benchmarks are skipped.
     pub file: Option<String>,
+    /// View 0 of what is looked at from within; elsewhere that is the model's own first.
+    pub view: Option<CameraRow>,
     /// Views 4, 5 and so on; 0 to 3 are the model's own (`Model::views`).
     #[serde(default, rename = "camera")]
     pub cameras: Vec<CameraRow>,
@@ -88,8 +92,13 @@ pub struct SceneRow {
 pub struct CameraRow {
     pub eye: [f64; 3],
     pub at: [f64; 3],
+    #[serde(default = "up")]
     pub up: [f64; 3],
     pub fov_y_degrees: f64,
+}
+
+fn up() -> [f64; 3] {
+    [0.0, 0.0, 1.0]
 }
 
 impl SceneRow {
@@ -101,10 +110,12 @@ impl SceneRow {
 
     /// View `view`, given the model's own.
     pub fn camera(&self, own: &[Camera; 4], view: usize) -> Camera {
-        if let Some(camera) = own.get(view) {
-            return *camera;
-        }
-        let CameraRow { eye, at, up, fov_y_degrees } = self.cameras[view - own.len()];
+        let row = match self.view {
+            Some(row) if view == 0 => row,
+            _ if view < own.len() => return own[view],
+            _ => self.cameras[view - own.len()],
+        };
+        let CameraRow { eye, at, up, fov_y_degrees } = row;
         Camera::Perspective { eye: eye.into(), at: at.into(), up: up.into(), fov_y_degrees }
     }
 }
@@ -169,6 +180,8 @@ pub enum Measure {
     Build,
     /// Time from stored bytes in memory to what rays read.
     Decode,
+    /// CPU time of exact pictures in one thread, in each setting alone and in all together, beside Embree.
+    Settings,
 }
 
 /// What is traced.
@@ -336,15 +349,17 @@ impl Data {
 
 impl SceneRow {
     fn check(&self) -> Result<(), String> {
-        let sources = [&self.generator, &self.formula, &self.file, &self.assembly].into_iter().flatten().count();
+        let all = [&self.generator, &self.formula, &self.file, &self.assembly, &self.everyday];
+        let sources = all.into_iter().flatten().count();
         if sources != 1 {
             return Err(format!(
-                "scene {:?} has {sources} of generator, formula, file and assembly, not one",
+                "scene {:?} has {sources} of generator, formula, file, assembly and everyday, not one",
                 self.name
             ));
         }
         let has_no_size = self.assembly.is_some() && self.triangles == 0 && self.count == 0;
-        if has_no_size || self.generator.is_some() && self.triangles == 0 || self.formula.is_some() && self.count == 0 {
+        let is_cut_to_size = self.generator.is_some() || self.everyday.is_some();
+        if has_no_size || is_cut_to_size && self.triangles == 0 || self.formula.is_some() && self.count == 0 {
             return Err(format!("scene {:?} has no size", self.name));
         }
         Ok(())
@@ -409,6 +424,9 @@ impl Benchmark {
                 fault("cold pictures take structures, views, budgets and rates".into())
             }
             Measure::Build if self.structures.is_empty() => fault("builds take structures".into()),
+            Measure::Settings if self.structures.len() != 1 || self.views.len() != 1 || self.threads != [1] => {
+                fault("settings take one structure, one view and one thread".into())
+            }
             Measure::Decode if self.structures.is_empty() || self.threads != [1] => {
                 fault("decoding takes structures and one thread".into())
             }
@@ -443,6 +461,21 @@ mod tests {
     }
 
     #[test]
+    fn a_view_from_within_takes_the_place_of_the_first() {
+        let own = [0.0, 1.0, 2.0, 3.0].map(|x| Camera::Orthographic {
+            eye: glam::DVec3::X * x,
+            at: glam::DVec3::ONE,
+            up: glam::DVec3::Z,
+            height: 1.0,
+        });
+        let view = "view = { eye = [7, 0, 0], at = [1, 1, 1], fov_y_degrees = 60 }\n";
+        let camera = "[[scene.camera]]\neye = [9, 0, 0]\nat = [1, 1, 1]\nup = [0, 1, 0]\nfov_y_degrees = 50\n";
+        let data = Data::parse(&format!("{STRUCTURE}{SCENE}{view}{camera}{TRACE}")).expect("data");
+        let eyes = [0, 1, 4].map(|view| data.scenes[0].camera(&own, view).eye().x);
+        assert_eq!(eyes, [7.0, 1.0, 9.0]);
+    }
+
+    #[test]
     fn what_makes_no_sense_is_refused() {
         let wrong = |from: &str, to: &str| {
             let text = format!("{STRUCTURE}{SCENE}{TRACE}");
@@ -457,6 +490,7 @@ mod tests {
         assert!(wrong("'shadow'", "'picture'").contains("budget"));
         assert!(wrong("triangles = 1000", "").contains("no size"));
         assert!(wrong("generator = 'mandelbulb'", "").contains("not one"));
+        assert!(wrong("generator", "everyday = 'room'\ngenerator").contains("not one"));
         assert!(wrong("poe = [0, 1]", "poe = [1]").contains("0 first"));
         assert!(wrong("size = [8, 8]", "size = [8, 9]").contains("multiples"));
         assert!(wrong("64M", "64X").contains("bytes"));
@@ -468,6 +502,9 @@ mod tests {
                 .expect_err("two threads")
                 .contains("one thread")
         );
+        let settings = format!("{STRUCTURE}{SCENE}{}", TRACE.replace("'trace'", "'settings'").replace("[0, 2]", "[0]"));
+        assert!(Data::parse(&settings).is_ok());
+        assert!(Data::parse(&settings.replace("[0]", "[0, 1]")).expect_err("two views").contains("one view"));
         assert!(wrong("name = 'b'", "name = 'b'\npeer = 'x'").contains("peer"));
         let twice = SCENE.replace("triangles", "also_at = [[9, 0, 0]]\ntriangles");
         let many = |trace: &str| Data::parse(&format!("{STRUCTURE}{twice}{trace}"));

@@ -11,6 +11,7 @@ mod counted;
 mod common;
 mod data;
 mod decode;
+mod everyday;
 mod expected;
 mod failure;
 mod ours;
@@ -21,6 +22,7 @@ mod placed;
 mod rays;
 mod record;
 mod scenes;
+mod settings;
 mod sides;
 mod trace;
 
@@ -143,11 +145,12 @@ fn data() -> Result<Data, Failure> {
 fn run(is_only_expecting: bool, clock: Clock, picks: impl Fn(&Benchmark, &str) -> bool) -> Outcome {
     let data = data()?;
     let mut book = Book::open(is_only_expecting)?;
-    let mut found = 0;
+    let (mut found, mut all) = (0, Vec::new());
     for benchmark in &data.benchmarks {
         for name in benchmark.scenes.iter().filter(|scene| picks(benchmark, scene)) {
             found += 1;
-            if clock == Clock::Thread && benchmark.measure != Measure::Trace {
+            let is_of_a_thread = matches!(benchmark.measure, Measure::Trace | Measure::Settings);
+            if clock == Clock::Thread && !is_of_a_thread {
                 eprintln!("skipped: {}/{name} works in several threads", benchmark.name);
                 continue;
             }
@@ -158,10 +161,13 @@ fn run(is_only_expecting: bool, clock: Clock, picks: impl Fn(&Benchmark, &str) -
                 Measure::Cold => cold::measure(&mut task)?,
                 Measure::Build => builds::measure(&mut task)?,
                 Measure::Decode => decode::measure(&mut task)?,
+                Measure::Settings => settings::measure(&mut task)?,
             };
             record::append(&record::path(), &records)?;
+            all.extend(records);
         }
     }
+    print!("{}", settings::table(&all));
     if found == 0 {
         return Err(Failure::new("no such benchmark or scene"));
     }

@@ -50,6 +50,7 @@ pub enum Outcomes {
     Cold(Cold),
     Build(Built),
     Decode(Decoded),
+    Settings(Setting),
 }
 
 /// Time of tracing rays, or of a picture.
@@ -191,6 +192,24 @@ pub struct Decoded {
     pub decoded: Spread,
     pub linked: Spread,
     pub all: Spread,
+}
+
+/// A picture in one setting, by the CPU time of the one thread that made it.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Setting {
+    pub setting: String,
+    pub view: usize,
+    /// Pixels that show a surface.
+    pub hits: usize,
+    pub seconds: Spread,
+    /// The least time over that of the headlight picture.
+    pub of_headlight: f64,
+    /// Embree, with how many times as fast outcrop is.
+    pub against: Option<Against>,
+    /// Share of pixels that hit only in one of both, or whose depths differ by more than a thousandth.
+    pub differ: Option<f64>,
+    /// Mean difference of colours from Embree's, in levels of 255: normals between corners and dark fringes differ.
+    pub levels: Option<f64>,
 }
 
 /// Behind a commit that is not all of what was measured.

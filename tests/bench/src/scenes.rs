@@ -3,6 +3,7 @@
 use crate::assemblies;
 use crate::common::{models, scenes};
 use crate::data::{SceneRow, StructureRow};
+use crate::everyday;
 use crate::failure::{Failure, Outcome};
 use crate::ours::ModelAt;
 use crate::placed::{self, Placed};
@@ -61,16 +62,18 @@ enum Source {
     Triangles(Vec<[DVec3; 3]>),
     File(PathBuf),
     Assembly(assemblies::Kind),
+    Everyday(everyday::Kind),
 }
 
 impl Scene {
     /// `None` after a message if it is of a file that is not here.
     pub fn find(row: &SceneRow) -> Result<Option<Self>, Failure> {
-        let source = match (&row.generator, &row.formula, &row.file, &row.assembly) {
+        let source = match (&row.generator, &row.formula, &row.file, &row.assembly, &row.everyday) {
             (Some(name), ..) => Source::Generator(name.clone()),
             (_, Some(name), ..) => Source::Triangles(formula(name, row)?),
-            (.., Some(name)) => Source::Assembly(assemblies::Kind::of(name)?),
-            (_, _, Some(file), _) => match models::find(file) {
+            (.., Some(name), _) => Source::Assembly(assemblies::Kind::of(name)?),
+            (.., Some(name)) => Source::Everyday(everyday::Kind::of(name)?),
+            (_, _, Some(file), ..) => match models::find(file) {
                 Some(path) => Source::File(path),
                 None => return Ok(None),
             },
@@ -92,6 +95,7 @@ impl Scene {
             }
             Source::File(path) => read_file(path, &ReadOptions::default(), sink)?,
             Source::Assembly(kind) => kind.fill(&self.row, sink)?,
+            Source::Everyday(kind) => kind.fill(&self.row, sink)?,
         }
         Ok(())
     }
@@ -143,7 +147,7 @@ impl Scene {
     }
 
     /// The model that `build` makes, made by this very program: a model of an older version is replaced.
-    fn kept(
+    pub fn kept(
         &self,
         structure: &StructureRow,
         called: &str,

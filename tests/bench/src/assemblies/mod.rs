@@ -3,7 +3,7 @@
 mod airliner;
 mod bolts;
 mod gltf;
-mod shapes;
+pub mod shapes;
 mod station;
 
 use crate::data::SceneRow;

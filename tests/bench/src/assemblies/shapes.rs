@@ -17,7 +17,7 @@ impl Shape {
     }
 
     /// Rings of `sides` vertices each, joined one after the other.
-    fn of_rings(rings: &[Vec<DVec3>]) -> Self {
+    pub fn of_rings(rings: &[Vec<DVec3>]) -> Self {
         let sides = rings[0].len() as u32;
         let mut shape = Self { vertices: rings.concat(), triangles: Vec::new() };
         for ring in 0..rings.len() as u32 - 1 {
@@ -30,7 +30,7 @@ impl Shape {
     }
 
     /// A fan from the ring that begins at vertex `first` to a new vertex.
-    fn close(&mut self, first: u32, sides: u32, middle: DVec3) {
+    pub fn close(&mut self, first: u32, sides: u32, middle: DVec3) {
         let top = self.vertices.len() as u32;
         self.vertices.push(middle);
         self.triangles.extend((0..sides).map(|i| [first + i, first + (i + 1) % sides, top]));
@@ -50,7 +50,7 @@ pub fn turned(profile: &[(f64, f64)], sides: usize) -> Shape {
 }
 
 /// Directions around a circle.
-fn around(sides: usize) -> impl Iterator<Item = (f64, f64)> {
+pub fn around(sides: usize) -> impl Iterator<Item = (f64, f64)> {
     (0..sides).map(move |i| {
         let (s, c) = (TAU * i as f64 / sides as f64).sin_cos();
         (c, s)

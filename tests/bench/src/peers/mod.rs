@@ -1,7 +1,7 @@
 //! The peers: other ray tracers in this very process, which get the same rays in the same order.
 
 mod embree;
-mod embree_calls;
+pub mod embree_calls;
 mod obvhs;
 mod parry3d;
 
