@@ -219,10 +219,9 @@ fn a_buffer_is_the_same_whatever_else_is_asked_for() {
     }
 }
 
-/// Packets of plain pictures are worked out all at once, others surface by surface. Asking for depths makes all the
-/// latter: nothing else may change by that, whatever the materials, states and lights, in exact pictures and with
-/// stand-ins, with any vectors.
-fn plain_packets_show_to_the_bit_what_others_show() {
+/// Depths, errors and primitive ids are further work on the same surfaces. Nothing else may change by that, whatever the
+/// materials, states and lights, in exact pictures and with stand-ins, with any vectors.
+fn further_buffers_change_no_other_bit() {
     use outcrop::scene::{Context, ContextOptions};
     use outcrop::simd::Isa;
     const TINY: f64 = 1e-11;
@@ -271,13 +270,13 @@ fn plain_packets_show_to_the_bit_what_others_show() {
                 assert_eq!(status.state, FrameState::Converged);
                 (frame, status)
             };
-            const NOT_PLAIN: [Buffer; 3] = [Buffer::Depth, Buffer::Error, Buffer::Primitive];
+            const FURTHER: [Buffer; 3] = [Buffer::Depth, Buffer::Error, Buffer::Primitive];
             let asked = Buffer::ALL
                 .into_iter()
-                .filter(|b| !NOT_PLAIN.contains(b))
+                .filter(|b| !FURTHER.contains(b))
                 .fold(Outputs(0), |all, b| all | Outputs::of(b));
             let ((plain, a), (other, b)) = (rendered(asked), rendered(Outputs::ALL));
-            for buffer in Buffer::ALL.into_iter().filter(|b| !NOT_PLAIN.contains(b)) {
+            for buffer in Buffer::ALL.into_iter().filter(|b| !FURTHER.contains(b)) {
                 let (plain, other) = (plain.map(buffer).unwrap(), other.map(buffer).unwrap());
                 assert!(plain.bytes() == other.bytes(), "{buffer:?} at PoE {poe}, {isa:?}");
             }
@@ -343,7 +342,7 @@ built::on_each_structure!(
     glass_hidden_recoloured_selected,
     the_same_bits_at_any_number_of_threads_and_with_any_vectors,
     a_buffer_is_the_same_whatever_else_is_asked_for,
-    plain_packets_show_to_the_bit_what_others_show,
+    further_buffers_change_no_other_bit,
     what_is_not_in_memory_is_read_and_the_picture_is_the_same,
     picks_are_what_the_buffers_say,
 );

@@ -285,6 +285,12 @@ impl Hits for CAny {
             unsafe { self.0.set(first + i, u8::from(hit.kind as u32 != OC_HIT_MISS)) };
         }
     }
+    fn write_any(&self, first: usize, count: usize, met: u32) {
+        for i in 0..count {
+            // SAFETY: as for `CHits`.
+            unsafe { self.0.set(first + i, (met >> i & 1) as u8) };
+        }
+    }
 }
 
 /// Finds the closest hit of each ray in the committed scene.

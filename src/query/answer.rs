@@ -6,13 +6,13 @@
 
 use super::batch::{Hits, QueryOptions, Rays};
 use super::chunk::{CHUNK, Chunk, Group, Task};
-use super::hit::Want;
+use super::hit::{Hit, Want};
 use super::parked::{Parked, Parking};
 use super::rounds::{Quest, Rounds};
 use super::single::{self, ALONE};
 use crate::base::error::Result;
 use crate::base::tasks::Work;
-use crate::math::PACKET;
+use crate::math::{PACKET, Ray};
 use crate::scene::SceneState;
 use crate::scene::walk::{SceneView, Snapshots};
 use std::borrow::Borrow;
@@ -36,7 +36,7 @@ pub(super) fn answer<const ANY: bool>(
         return pool.run_scoped(items, &Rounds::new(batch)).into_result();
     }
     let task = task_of::<ANY>(options);
-    if rays.count() <= ALONE && single::answer(scene, task, rays, hits)? {
+    if rays.count() <= ALONE && single::answer_from(scene, task, rays, hits)? {
         return Ok(());
     }
     let at_once = AtOnce { scene, rays, hits, task, parked: Mutex::default() };
@@ -48,6 +48,21 @@ pub(super) fn answer<const ANY: bool>(
     let batch = Batch::<_, _, _, ANY>::new(scene, rays, hits, options);
     let rest = Rounds::rest(batch, parked.into_iter().map(Parking::new).collect());
     pool.run_scoped(pool.here(|| rest.round_done())?, &rest).into_result()
+}
+
+/// Answers few rays without the state of a batch. Returns false if [`answer`] must answer them.
+#[inline]
+pub(super) fn answer_few<const ANY: bool>(
+    scene: &SceneState,
+    rays: &[Ray],
+    options: QueryOptions,
+    put: impl FnMut(usize, &Hit),
+) -> Result<bool> {
+    if rays.is_empty() || rays.len() > ALONE {
+        Ok(false)
+    } else {
+        single::answer(scene, task_of::<ANY>(options), rays, put)
+    }
 }
 
 fn task_of<const ANY: bool>(options: QueryOptions) -> Task {

@@ -1,11 +1,11 @@
 //! Batches of rays: sources of rays, takers of hits, options, and the calls that start a batch.
 
-use super::answer::{Batch, answer};
+use super::answer::{Batch, answer, answer_few};
 use super::hit::{Hit, HitKind, Want};
 use super::rounds::{Quest, Rounds};
 use crate::base::error::{Error, Result};
 use crate::base::tasks::{Ending, Job};
-use crate::math::Ray;
+use crate::math::{Ray, bits};
 use crate::scene::SceneState;
 use crate::simd::prefetch_l2;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
@@ -34,6 +34,13 @@ pub trait Rays: Sync {
 pub trait Hits: Sync {
     /// Takes the answers to rays `first..first + hits.len()`. For [`Query::any`] only `kind` is meaningful.
     fn write(&self, first: usize, hits: &[Hit]);
+    /// Takes the answers of [`Query::any`] to rays `first..first + count`, at most 32: those of `met` (bit `i`: ray
+    /// `first + i`) hit something. The batch calls either this or [`Hits::write`].
+    fn write_any(&self, first: usize, count: usize, met: u32) {
+        let mut hits = [Hit::MISS; PACKET];
+        bits(met).for_each(|i| hits[i].kind = HitKind::Exact);
+        self.write(first, &hits[..count]);
+    }
 }
 
 /// The treatment of data that is not in memory.
@@ -213,11 +220,17 @@ impl<T: Hits + ?Sized> Hits for &T {
     fn write(&self, first: usize, hits: &[Hit]) {
         (**self).write(first, hits);
     }
+    fn write_any(&self, first: usize, count: usize, met: u32) {
+        (**self).write_any(first, count, met);
+    }
 }
 
 impl Hits for Arc<dyn Hits + Send + Sync> {
     fn write(&self, first: usize, hits: &[Hit]) {
         (**self).write(first, hits);
+    }
+    fn write_any(&self, first: usize, count: usize, met: u32) {
+        (**self).write_any(first, count, met);
     }
 }
 
@@ -240,35 +253,46 @@ impl Rays for [Ray] {
     }
 }
 
-/// Writes answers to a slice that is cut into runs with a lock each: one writer at a time locks a run.
-struct Slices<'s, 'a, T, F: Fn(&[Hit], &mut [T])> {
-    runs: &'s [Mutex<&'a mut [T]>],
-    put: F,
-}
+/// A slice that takes answers, cut into runs with a lock each: one writer at a time locks a run.
+struct Runs<'s, 'a, T>(&'s [Mutex<&'a mut [T]>]);
 
 /// Rays per run: a multiple of the rays that a batch writes at once.
 const RUN: usize = 1024;
 
-impl<T: Send, F: Fn(&[Hit], &mut [T]) + Sync> Hits for Slices<'_, '_, T, F> {
-    fn write(&self, first: usize, hits: &[Hit]) {
-        debug_assert!(first % RUN + hits.len() <= RUN);
-        let mut run = self.runs[first / RUN].lock().unwrap_or_else(PoisonError::into_inner);
-        (self.put)(hits, &mut run[first % RUN..][..hits.len()]);
+impl<T> Runs<'_, '_, T> {
+    /// Calls `put` with the room for the answers to rays `first..first + count`.
+    fn put(&self, first: usize, count: usize, put: impl FnOnce(&mut [T])) {
+        debug_assert!(first % RUN + count <= RUN);
+        let mut run = self.0[first / RUN].lock().unwrap_or_else(PoisonError::into_inner);
+        put(&mut run[first % RUN..][..count]);
     }
 }
 
-/// Calls `ask` with a taker that writes to the slice with `put`.
-fn into_slice<T: Send>(
-    out: &mut [T],
-    put: impl Fn(&[Hit], &mut [T]) + Sync,
-    ask: impl FnOnce(&dyn Hits) -> Result<()>,
-) -> Result<()> {
+impl Hits for Runs<'_, '_, Hit> {
+    fn write(&self, first: usize, hits: &[Hit]) {
+        self.put(first, hits.len(), |out| out.copy_from_slice(hits));
+    }
+}
+
+impl Hits for Runs<'_, '_, u8> {
+    fn write(&self, first: usize, hits: &[Hit]) {
+        self.put(first, hits.len(), |out| {
+            out.iter_mut().zip(hits).for_each(|(out, hit)| *out = u8::from(hit.kind != HitKind::Miss));
+        });
+    }
+    fn write_any(&self, first: usize, count: usize, met: u32) {
+        self.put(first, count, |out| out.iter_mut().enumerate().for_each(|(i, out)| *out = (met >> i & 1) as u8));
+    }
+}
+
+/// Calls `ask` with a taker that writes to the slice.
+fn into_slice<T>(out: &mut [T], ask: impl FnOnce(&Runs<T>) -> Result<()>) -> Result<()> {
     if out.len() <= RUN {
         // Small batches are frequent: this path allocates no list of runs.
-        return ask(&Slices { runs: &[Mutex::new(out)], put });
+        return ask(&Runs(&[Mutex::new(out)]));
     }
     let runs: Vec<_> = out.chunks_mut(RUN).map(Mutex::new).collect();
-    ask(&Slices { runs: &runs, put })
+    ask(&Runs(&runs))
 }
 
 fn same_length(rays: usize, hits: usize) -> Result<()> {
@@ -284,17 +308,20 @@ impl SceneState {
     /// not be used.
     pub fn closest(&self, rays: &[Ray], options: QueryOptions, hits: &mut [Hit]) -> Result<()> {
         same_length(rays.len(), hits.len())?;
-        into_slice(hits, |hits, out| out.copy_from_slice(hits), |hits| self.closest_batch(&rays, hits, options))
+        if answer_few::<false>(self, rays, options, |i, hit| hits[i] = *hit)? {
+            return Ok(());
+        }
+        into_slice(hits, |hits| self.closest_batch(&rays, hits, options))
     }
 
     /// Writes 1 for each ray that hits anything within its interval, else 0. Otherwise like [`SceneState::closest`]. On
     /// slivers that a ray meets edge-on, the interval is that of distances in single precision.
     pub fn any(&self, rays: &[Ray], options: QueryOptions, hits: &mut [u8]) -> Result<()> {
         same_length(rays.len(), hits.len())?;
-        let put = |hits: &[Hit], out: &mut [u8]| {
-            out.iter_mut().zip(hits).for_each(|(out, hit)| *out = u8::from(hit.kind != HitKind::Miss));
-        };
-        into_slice(hits, put, |hits| self.any_batch(&rays, hits, options))
+        if answer_few::<true>(self, rays, options, |i, hit| hits[i] = u8::from(hit.kind != HitKind::Miss))? {
+            return Ok(());
+        }
+        into_slice(hits, |hits| self.any_batch(&rays, hits, options))
     }
 
     /// [`SceneState::closest`] from any source of rays to any taker of hits, without copies. Blocks.

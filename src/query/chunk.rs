@@ -120,15 +120,69 @@ impl Chunk {
             }
         }
         self.unfinished.clear();
-        if end > 0 {
+        let only = self.trace_in_only(view, task, &gathered[..end]);
+        if end > 0 && only.is_none() {
             self.trace_each(view, task, &gathered[..end]);
         }
         for from in (0..end).step_by(PACKET) {
             let group = from..end.min(from + PACKET);
-            let met = hits_of(&self.found[group.clone()]);
-            self.answer(view, task, group.clone(), &gathered[group], met, hits);
+            let rays = &gathered[group.clone()];
+            match only {
+                Some(placed) => self.answer_in_only(view, task, placed, (group, rays), hits),
+                None => {
+                    let met = hits_of(&self.found[group.clone()]);
+                    self.answer(view, task, group, rays, met, hits);
+                }
+            }
         }
         self.rays = gathered;
+    }
+
+    /// See [`SceneView::trace_in_only`].
+    fn trace_in_only(&mut self, view: &SceneView, task: Task, rays: &[Ray]) -> Option<u32> {
+        let placed = if task.any {
+            view.trace_in_only::<true>(rays, &mut self.stream)
+        } else {
+            view.trace_in_only::<false>(rays, &mut self.stream)
+        };
+        if placed.is_some() {
+            self.unfinished.extend_from_slice(self.stream.unfinished());
+        }
+        placed
+    }
+
+    /// Writes the answers of a group that went through the only placed tree of a scene.
+    fn answer_in_only(
+        &mut self,
+        view: &SceneView,
+        task: Task,
+        placed: u32,
+        (group, rays): (Range<usize>, &[Ray]),
+        hits: &impl Hits,
+    ) {
+        let found = self.stream.hits_from(group.start);
+        let [met, transmitted] = if task.any {
+            found.met::<true>(rays, view.widen_interval)
+        } else {
+            found.met::<false>(rays, view.widen_interval)
+        };
+        let is_whole = !self.unfinished.iter().any(|&i| group.contains(&(i as usize)));
+        let first = self.firsts[group.start / PACKET];
+        if is_whole && transmitted == 0 {
+            let out = self.answers.begin(met, 0);
+            let rest = if met == 0 {
+                Rest::default()
+            } else {
+                self.seen.answer(&InTree::new(view, placed), task.want, rays, &found, met, out)
+            };
+            if rest.is_none() {
+                return self.write(task, first, rays.len(), met, hits);
+            }
+        }
+        for (i, ray) in rays.iter().enumerate() {
+            self.found[group.start + i] = found.found(i, placed, ray, met >> i & 1 == 1);
+        }
+        self.answer(view, task, group, rays, met, hits);
     }
 
     fn trace_each(&mut self, view: &SceneView, task: Task, rays: &[Ray]) {
@@ -166,7 +220,7 @@ impl Chunk {
                 && let Some(only) = self.group.only()
                 && self.answer_in_one(view, task.want, only, rays, met).is_none()
             {
-                hits.write(self.firsts[group.start / PACKET], &self.answers.hits[..group.len()]);
+                self.write(task, self.firsts[group.start / PACKET], group.len(), met, hits);
                 return true;
             }
             for i in 0..group.len() {
@@ -175,6 +229,15 @@ impl Chunk {
         }
         self.answer_traced(view, task, group, rays, met.ok(), hits);
         true
+    }
+
+    /// Writes the answers of a group whose rays of `met` hit something.
+    fn write(&self, task: Task, first: usize, count: usize, met: u32, hits: &impl Hits) {
+        if task.any {
+            hits.write_any(first, count, met);
+        } else {
+            hits.write(first, &self.answers.hits[..count]);
+        }
     }
 
     /// Computes the answers of a group that went through one placed tree. Rays of `met` hit something.

@@ -7,12 +7,12 @@
 use super::answers::{Seen, answer_one_in};
 use super::batch::{Hits, Rays};
 use super::beyond::is_early;
-use super::chunk::{Task, trace};
+use super::chunk::Task;
 use super::hit::{Hit, Want};
 use crate::base::error::Result;
 use crate::math::Ray;
 use crate::scene::SceneState;
-use crate::scene::walk::{SceneView, SceneWalk, Snapshots, Step};
+use crate::scene::walk::{SceneView, SceneWalk, Snapshots};
 use std::cell::Cell;
 
 /// The most rays of such a call: three single walks take longer than one packet.
@@ -30,9 +30,10 @@ thread_local! {
     static KEPT: Cell<Option<Box<Kept>>> = const { Cell::new(None) };
 }
 
-/// Answers up to [`ALONE`] rays. Returns false, and writes nothing, if the batch path must answer them.
-pub(super) fn answer(scene: &SceneState, task: Task, rays: &dyn Rays, hits: &dyn Hits) -> Result<bool> {
-    let count = rays.count().min(ALONE);
+/// Answers up to [`ALONE`] rays: calls `put` with the index and the hit of each. Returns false if the batch path must
+/// answer them; some may have been put then.
+#[inline]
+pub(super) fn answer(scene: &SceneState, task: Task, rays: &[Ray], mut put: impl FnMut(usize, &Hit)) -> Result<bool> {
     scene.context().pool().here(|| {
         // The thread-local is gone while the thread ends.
         let kept = KEPT.try_with(Cell::take).ok().flatten();
@@ -42,29 +43,37 @@ pub(super) fn answer(scene: &SceneState, task: Task, rays: &dyn Rays, hits: &dyn
         // A new stamp would be written to every block that the rays visit.
         let stamp = scene.context().residency().now();
         let view = task.view(scene, snapshots, stamp);
-        let (mut two, mut answers) = ([Ray::NONE; ALONE], [Hit::MISS; ALONE]);
-        rays.read(0, &mut two[..count]);
-        let each = two[..count].iter_mut().zip(&mut answers);
-        let is_done = each.fold(true, |is_done, (ray, hit)| {
-            ray.cone = ray.cone.or_zero();
-            is_done && one(&view, task, ray, (walk, seen), hit)
+        let is_done = rays.iter().enumerate().all(|(i, ray)| {
+            let ray = Ray { cone: ray.cone.or_zero(), ..*ray };
+            let mut hit = Hit::MISS;
+            let is_done = one(&view, task, &ray, (walk, seen), &mut hit);
+            if is_done {
+                put(i, &hit);
+            }
+            is_done
         });
         snapshots.clear();
         let _ = KEPT.try_with(|place| place.set(Some(kept)));
-        if is_done {
-            hits.write(0, &answers[..count]);
-        }
         Ok(is_done)
     })
 }
 
+/// [`answer`] from any source of rays to any taker of hits.
+pub(super) fn answer_from(scene: &SceneState, task: Task, rays: &dyn Rays, hits: &dyn Hits) -> Result<bool> {
+    let count = rays.count().min(ALONE);
+    let (mut two, mut answers) = ([Ray::NONE; ALONE], [Hit::MISS; ALONE]);
+    rays.read(0, &mut two[..count]);
+    let is_done = answer(scene, task, &two[..count], |i, hit| answers[i] = *hit)?;
+    if is_done {
+        hits.write(0, &answers[..count]);
+    }
+    Ok(is_done)
+}
+
 /// Answers one ray; returns false if a block is missing or the ray needs a second walk.
 fn one(view: &SceneView, task: Task, ray: &Ray, (walk, seen): (&mut SceneWalk, &mut Seen<1>), hit: &mut Hit) -> bool {
-    walk.begin(view, ray);
-    if trace(view, task, ray, walk) != Step::Done {
-        return false;
-    }
-    let found = walk.best();
+    let found = if task.any { view.trace_at_once::<true>(ray, walk) } else { view.trace_at_once::<false>(ray, walk) };
+    let Some(found) = found else { return false };
     if found.has_transmitted() && task.want.has(Want::ERROR) || is_early(view, ray, &found) {
         return false;
     }

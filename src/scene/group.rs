@@ -152,8 +152,8 @@ impl Group {
         }
     }
 
-    /// Traces the rays of `among` as a packet, or singly where they are not coherent; overwrites the others. Returns the
-    /// rays that hit something.
+    /// Traces the rays of `among` as a packet, or singly where they are not coherent; overwrites the others. Returns
+    /// the rays that hit something.
     pub fn trace_among<const ANY: bool>(
         &mut self,
         view: &SceneView,

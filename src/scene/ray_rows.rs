@@ -47,7 +47,8 @@ impl RayRows {
     }
 
     /// Takes the rays of `among`, up to the distances `best`, into the frame of a placed tree, as [`Placed::local`]
-    /// does; `beyond`: see there. Returns those that have the same distances there as in the world; the others need that function.
+    /// does; `beyond`: see there. Returns those that have the same distances there as in the world; the others need
+    /// that function.
     #[inline(always)]
     pub fn take_into_tree(
         &self,
@@ -60,8 +61,8 @@ impl RayRows {
         among & dispatch(isa, IntoTree { rays: self, placed, best, beyond, out })
     }
 
-    /// [`RayRows::take_into_tree`] of all rays of `among`. Calls `moved` for those that have other distances there, with
-    /// shift and scale: see [`Placed::local`]. Returns the rays that may hit something in the tree.
+    /// [`RayRows::take_into_tree`] of all rays of `among`. Calls `moved` for those that have other distances there,
+    /// with shift and scale: see [`Placed::local`]. Returns the rays that may hit something in the tree.
     #[inline(always)]
     pub fn take_all_into_tree(
         &self,

@@ -39,6 +39,8 @@ pub(crate) struct SceneStream {
     /// Rays that enter a placed tree in this round.
     entering: Vec<Entering>,
     unfinished: Vec<u32>,
+    /// True if some ray of a stream through the only tree has other distances there than in the world.
+    is_moved: bool,
 }
 
 /// A ray that enters a placed tree.
@@ -67,6 +69,7 @@ impl Default for SceneStream {
             packet: Box::new(PacketBoxRays::NONE),
             entering: Vec::new(),
             unfinished: Vec::new(),
+            is_moved: false,
         }
     }
 }
@@ -82,6 +85,12 @@ impl SceneStream {
         &self.unfinished
     }
 
+    /// Hits of rays that went through the [only](SceneView::trace_in_only) tree, from ray `first` on.
+    pub fn hits_from(&self, first: usize) -> StreamHits<'_> {
+        let at = if self.is_moved { Some(&self.at[first..]) } else { None };
+        StreamHits { hits: &self.hits[first..], at, transmitted: &self.tree.transmitted()[first..] }
+    }
+
     /// Makes room for the rays in a scene of several placed trees.
     fn reserve(&mut self, rays: &[Ray]) {
         if self.todo.len() < rays.len() {
@@ -91,7 +100,97 @@ impl SceneStream {
     }
 }
 
+/// Hits of rays in one placed tree.
+pub(crate) struct StreamHits<'a> {
+    hits: &'a [TriHit],
+    at: Option<&'a [At]>,
+    transmitted: &'a [f32],
+}
+
+impl StreamHits<'_> {
+    /// The hit of ray `i` in the tree.
+    #[inline(always)]
+    pub fn hit(&self, i: usize) -> TriHit {
+        self.hits[i]
+    }
+
+    /// The distance of ray `i` in the world.
+    #[inline(always)]
+    pub fn t(&self, i: usize) -> f64 {
+        self.in_world(i, self.hits[i].t)
+    }
+
+    #[inline(always)]
+    fn in_world(&self, i: usize, t: f32) -> f64 {
+        match self.at {
+            Some(at) => at[i].in_world(t),
+            None => f64::from(t),
+        }
+    }
+
+    /// The rays that hit something within their intervals, and those that stand-ins transmitted.
+    pub fn met<const ANY: bool>(&self, rays: &[Ray], widen_interval: bool) -> [u32; 2] {
+        let (mut met, mut transmitted) = (0, 0);
+        for (i, ray) in rays.iter().enumerate() {
+            // As in `Found::offer`.
+            let is_hit = self.hits[i].is_hit() && (ANY || widen_interval || self.t(i) <= ray.t_max);
+            met |= u32::from(is_hit) << i;
+            transmitted |= u32::from(self.transmitted[i] < f32::INFINITY) << i;
+        }
+        [met, transmitted]
+    }
+
+    /// The hit of ray `i`, which is in `met` or not.
+    pub fn found(&self, i: usize, placed: u32, ray: &Ray, is_met: bool) -> Found {
+        let transmitted = self.in_world(i, self.transmitted[i]);
+        if !is_met {
+            return Found { transmitted, ..Found::nothing(ray.t_max) };
+        }
+        Found { t: self.t(i), placed, tri: self.hits[i], transmitted }
+    }
+}
+
 impl SceneView<'_> {
+    /// Traces rays as one stream, if the scene has one placed tree that all rays see. Returns the tree; the hits are
+    /// those of [`SceneStream::hits_from`], and [`SceneStream::unfinished`] has the rays without an answer.
+    pub fn trace_in_only<const ANY: bool>(&self, rays: &[Ray], walk: &mut SceneStream) -> Option<u32> {
+        debug_assert!(self.within.is_none(), "a double-precision interval belongs to a single ray");
+        let Some(Target::Placed(placed)) = self.scene.placement.top.root().map(NodeRef::target) else { return None };
+        let seen_by = self.seen_by(placed);
+        if rays.len() <= FEW || rays.iter().any(|ray| ray.mask & seen_by == 0) {
+            return None;
+        }
+        let SceneStream { tree: stream, hits, at, rows, local, is_moved, unfinished, .. } = walk;
+        let (p, isa) = (&self.scene.placement.placed[placed as usize], self.scene.context().isa());
+        *is_moved = false;
+        for (i, rays) in rays.chunks(PACKET).enumerate() {
+            let (mut best, first) = ([0.0; PACKET], i * PACKET);
+            for (i, ray) in rays.iter().enumerate() {
+                rows.set(i, ray);
+                best[i] = ray.t_max;
+            }
+            let among = first_rays(rays.len());
+            let reach = (&best, self.widen_interval);
+            let inside = rows.take_all_into_tree(isa, p, among, reach, local, |i, (shift, scale)| {
+                if !*is_moved {
+                    (*is_moved, **at) = (true, [At { placed, shift: 0.0, scale: 1.0 }; STREAM]);
+                }
+                at[first + i] = At { placed, shift, scale };
+            });
+            bits(among & !inside).for_each(|i| local.set(i, &LocalRay::NONE));
+            stream.set_rows(first, local);
+        }
+        let (tree, filter, hits) = (self.tree(placed), self.filter(placed), &mut hits[..rays.len()]);
+        if ANY {
+            tree.any_each(filter.as_ref(), stream, hits);
+        } else {
+            tree.closest_each(filter.as_ref(), stream, hits);
+        }
+        unfinished.clear();
+        unfinished.extend_from_slice(stream.unfinished());
+        Some(placed)
+    }
+
     /// Traces rays as streams, or singly if there are at most [`FEW`]. Finds the hits that [`SceneView::trace`] finds
     /// for each ray, at less cost. `rays` has at most [`STREAM`] entries, `found` equally many. Rays in
     /// [`SceneStream::unfinished`] have no answer, as they need a block or a single walk: they must be begun again.

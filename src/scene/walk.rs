@@ -328,6 +328,35 @@ impl<'a> SceneView<'a> {
         Need { model: self.scene.placement.placed[placed as usize].model, block }
     }
 
+    /// Finds the closest hit of a ray, or any hit if `ANY`; `None` if a block is missing.
+    #[inline]
+    pub fn trace_at_once<const ANY: bool>(&self, ray: &Ray, walk: &mut SceneWalk) -> Option<Found> {
+        if let Some(Target::Placed(placed)) = self.scene.placement.top.root().map(NodeRef::target) {
+            return self.trace_in_only_tree::<ANY>(ray, placed, &mut walk.tree);
+        }
+        walk.begin(self, ray);
+        (self.trace::<ANY>(ray, walk) == Step::Done).then(|| walk.best())
+    }
+
+    /// [`SceneView::trace_at_once`] in a scene of one placed tree, which needs no stack of places.
+    fn trace_in_only_tree<const ANY: bool>(&self, ray: &Ray, placed: u32, walk: &mut Walk) -> Option<Found> {
+        let mut best = Found::nothing(ray.t_max);
+        if !ray.can_hit() || self.seen_by(placed) & ray.mask == 0 {
+            return Some(best);
+        }
+        let mut local = LocalRay::NONE;
+        let p = &self.scene.placement.placed[placed as usize];
+        let Some((shift, scale)) = p.local(ray, ray.t_max, self.widen_interval, &mut local) else { return Some(best) };
+        let (tree, filter) = (self.tree(placed), self.filter(placed));
+        walk.begin(&tree, &local);
+        let outcome = if ANY { tree.any(filter.as_ref(), walk) } else { tree.closest(filter.as_ref(), walk) };
+        if outcome != Outcome::Done {
+            return None;
+        }
+        best.offer::<ANY>(self.widen_interval, &At { placed, shift, scale }, walk.best(), walk.transmitted());
+        Some(best)
+    }
+
     /// Finds the closest hit of the ray that `walk` was begun with, or any hit if `ANY`.
     pub fn trace<const ANY: bool>(&self, ray: &Ray, walk: &mut SceneWalk) -> Step {
         // A scene of one tree has no boxes.

@@ -18,6 +18,7 @@ use super::hit::{Hit, HitKind, NONE, Want};
 use crate::math::{PACKET, Ray, bits};
 use crate::scene::Group;
 use crate::scene::placed::Placed;
+use crate::scene::stream::StreamHits;
 use crate::scene::walk::{Found, Need, SceneView};
 use crate::simd::Isa;
 use crate::structure::surface::Groups;
@@ -81,6 +82,37 @@ impl TreeHits<PACKET> for Group {
     }
 }
 
+impl<const N: usize> TreeHits<N> for StreamHits<'_> {
+    #[inline(always)]
+    fn hit(&self, i: usize) -> TriHit {
+        StreamHits::hit(self, i)
+    }
+    #[inline(always)]
+    fn t(&self, i: usize) -> f64 {
+        StreamHits::t(self, i)
+    }
+    #[inline(always)]
+    fn distances(&self, rays: u32, out: &mut [f64; N]) {
+        bits(rays).for_each(|i| out[i] = StreamHits::t(self, i));
+    }
+    #[inline(always)]
+    fn group(&self, _: Isa, rays: u32, out: &mut Groups<N>) {
+        group_singly(rays, |i| StreamHits::hit(self, i), out);
+    }
+}
+
+/// Makes a group of each ray that hits a triangle.
+#[inline(always)]
+fn group_singly<const N: usize>(rays: u32, hit: impl Fn(usize) -> TriHit, out: &mut Groups<N>) {
+    (out.cells, out.count) = (0, 0);
+    for i in bits(rays) {
+        let is_cell = hit(i).stand_in().is_some();
+        out.cells |= u32::from(is_cell) << i;
+        out.rays[out.count & (N - 1)] = 1 << i;
+        out.count += usize::from(!is_cell);
+    }
+}
+
 impl<const N: usize> TreeHits<N> for [Found] {
     #[inline(always)]
     fn hit(&self, i: usize) -> TriHit {
@@ -96,13 +128,7 @@ impl<const N: usize> TreeHits<N> for [Found] {
     }
     #[inline(always)]
     fn group(&self, _: Isa, rays: u32, out: &mut Groups<N>) {
-        (out.cells, out.count) = (0, 0);
-        for i in bits(rays) {
-            let is_cell = self[i].tri.stand_in().is_some();
-            out.cells |= u32::from(is_cell) << i;
-            out.rays[out.count & (N - 1)] = 1 << i;
-            out.count += usize::from(!is_cell);
-        }
+        group_singly(rays, |i| self[i].tri, out);
     }
 }
 
@@ -313,8 +339,8 @@ impl<const N: usize> Seen<N> {
         outside
     }
 
-    /// Intersects the rays of `among` that hit triangles with these again, in double precision. `ray` returns origin and
-    /// direction of a ray, `found` the distance that the walk found. Returns these rays, for [`Seen::meetings`].
+    /// Intersects the rays of `among` that hit triangles with these again, in double precision. `ray` returns origin
+    /// and direction of a ray, `found` the distance that the walk found. Returns these rays, for [`Seen::meetings`].
     #[inline(always)]
     pub fn meet(
         &mut self,

@@ -1,4 +1,5 @@
-//! The first trace of a picture's rays: the packets of a tile that enter one placed tree each go through it as a bundle.
+//! The first trace of a picture's rays: the packets of a tile that enter one placed tree each go through it as a
+//! bundle.
 
 use super::direct::{Direct, Pixels, Scratch};
 use super::rays::CameraPacket;

@@ -56,11 +56,11 @@ impl Gloss {
         }
     }
 
-    /// Returns the light reflected from a light of `irradiance`: that on a surface facing the light. A white matt surface
-    /// that faces the light reflects the irradiance: factors of pi are left out on both sides. `cosine`: between normal
-    /// and light; `aslant`: between light and half vector; `lobe`: the cosine between normal and half vector, raised to
-    /// the exponent. The highlight is Blinn's normalised distribution with Schlick's reflectance, and fades out towards
-    /// full roughness.
+    /// Returns the light reflected from a light of `irradiance`: that on a surface facing the light. A white matt
+    /// surface that faces the light reflects the irradiance: factors of pi are left out on both sides. `cosine`:
+    /// between normal and light; `aslant`: between light and half vector; `lobe`: the cosine between normal and half
+    /// vector, raised to the exponent. The highlight is Blinn's normalised distribution with Schlick's reflectance, and
+    /// fades out towards full roughness.
     #[inline(always)]
     pub fn lit(&self, colour: Vec3, cosine: f32, aslant: f32, lobe: f32, irradiance: Vec3) -> Vec3 {
         let facing = Vec3::splat(0.04).lerp(colour, self.metalness);

@@ -12,9 +12,9 @@ use crate::scene::Group;
 use crate::scene::walk::{Found, Need};
 
 impl Direct<'_> {
-    /// Writes the fraction of light that arrives along each ray in `asked` to `through`, which holds 1 for all rays. The
-    /// rays must have unit directions; the call changes them. Up to its `t_min` a ray tests only triangles, as if its
-    /// cone were zero.
+    /// Writes the fraction of light that arrives along each ray in `asked` to `through`, which holds 1 for all rays.
+    /// The rays must have unit directions; the call changes them. Up to its `t_min` a ray tests only triangles, as if
+    /// its cone were zero.
     pub(super) fn unshadowed(
         &self,
         rays: &mut [Ray; PACKET],
