@@ -11,6 +11,7 @@ mod shapes;
 use crate::common::rng::Rng;
 use crate::data::SceneRow;
 use crate::failure::{Failure, Outcome};
+use glam::DAffine3;
 use outcrop::base::units::UpAxis;
 use outcrop::import::{Attributes, MaterialDesc, MeshKey, PartDesc, Sink};
 use shapes::Shape;
@@ -127,6 +128,14 @@ impl Maker {
 
     pub fn fineness(&self) -> f64 {
         self.fineness
+    }
+
+    /// Turns all parts about the z axis by an angle in degrees.
+    pub fn turn(&mut self, degrees: f64) {
+        let turn = DAffine3::from_rotation_z(degrees.to_radians());
+        for part in &mut self.parts {
+            part.shape.vertices.iter_mut().for_each(|v| *v = turn.transform_point3(*v));
+        }
     }
 
     pub fn add(&mut self, name: impl Into<String>, material: MaterialDesc, shape: Shape) {
