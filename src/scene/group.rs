@@ -177,6 +177,9 @@ impl Group {
 
     /// True if the rays are coherent in the first of the trees that they enter.
     fn are_near(&mut self, view: &SceneView, placed: u32, rays: (&[Ray; PACKET], usize), alike: &Alike) -> bool {
+        if are_apart(&view.scene.placement.placed[placed as usize], &rays.0[..rays.1], alike) {
+            return false;
+        }
         let tree = view.tree(placed);
         self.begin_in(view, placed, &tree, rays, alike);
         self.walk.is_coherent(&tree, false)
@@ -227,6 +230,9 @@ impl Group {
         alike: &Alike,
         says: bool,
     ) -> Option<Result<u32, Need>> {
+        if !says && are_apart(&view.scene.placement.placed[placed as usize], &rays.0[..rays.1], alike) {
+            return None;
+        }
         let (tree, filter) = (view.tree(placed), view.filter(placed));
         self.only = Some(placed);
         self.begin_in(view, placed, &tree, rays, alike);
@@ -438,6 +444,19 @@ fn one_start(p: &Placed, first: &Ray, alike: &Alike, seen_by: u32) -> Option<DVe
     let offset = p.only_shifted()?;
     let do_see = alike.mask().is_some_and(|mask| mask & seen_by != 0);
     (alike.is_one_start() && first.has_interval() && do_see).then(|| first.origin - offset)
+}
+
+/// True if the origins of some rays differ by so much that [`PacketWalk::is_coherent`] is certainly false in the tree:
+/// then the rays need not be taken there to find out. Looks at a few rays.
+#[inline]
+fn are_apart(p: &Placed, rays: &[Ray], alike: &Alike) -> bool {
+    if alike.is_one_start() {
+        return false;
+    }
+    // In a turned frame a distance along an axis may be smaller by the root of 3.
+    let most = p.extent() * f64::from(PacketWalk::NEAR) * if p.only_shifted().is_some() { 1.01 } else { 1.75 };
+    let (first, last) = (rays[0].origin, rays.len() - 1);
+    [last / 4, last / 2, last - last / 4, last].iter().any(|&i| (rays[i].origin - first).abs().max_element() > most)
 }
 
 /// Puts rays with a common origin and interval into a walk through a tree with a frame that is only translated; false

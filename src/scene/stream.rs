@@ -173,7 +173,8 @@ impl SceneView<'_> {
             let reach = (&best, self.widen_interval);
             let inside = rows.take_all_into_tree(isa, p, among, reach, local, |i, (shift, scale)| {
                 if !*is_moved {
-                    (*is_moved, **at) = (true, [At { placed, shift: 0.0, scale: 1.0 }; STREAM]);
+                    *is_moved = true;
+                    at.fill(At { placed, shift: 0.0, scale: 1.0 });
                 }
                 at[first + i] = At { placed, shift, scale };
             });

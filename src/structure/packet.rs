@@ -34,9 +34,6 @@ pub(super) fn at_mut(row: &mut Row, i: usize) -> &mut f32 {
     &mut row.as_flattened_mut()[i & (PACKET - 1)]
 }
 
-/// Origins count as near each other if they differ by at most this part of the tree's greatest coordinate.
-const NEAR: f32 = 1.0 / 64.0;
-
 /// A stack entry of a packet: a child that some rays still have to visit.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct PacketEntry {
@@ -134,6 +131,10 @@ impl Default for PacketWalk {
 }
 
 impl PacketWalk {
+    /// Origins count as near each other if they differ along no axis by more than this part of the tree's greatest
+    /// coordinate.
+    pub const NEAR: f32 = 1.0 / 64.0;
+
     /// A walk for any number of packets.
     pub fn new() -> Self {
         let none = [[0.0; 16]; VECTORS];
@@ -280,7 +281,7 @@ impl PacketWalk {
     /// this test with `says`.
     #[inline]
     pub fn is_coherent(&self, tree: &impl Rooted, says: bool) -> bool {
-        self.together && (says || self.common.spread() <= tree.max_coord() * NEAR)
+        self.together && (says || self.common.spread() <= tree.max_coord() * Self::NEAR)
     }
 
     /// The best hit of ray `i` so far.

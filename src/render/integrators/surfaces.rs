@@ -156,7 +156,7 @@ impl Direct<'_> {
         let (tree, placed) = (at.tree(), at.placed);
         let Out { seen, surfaces, shading, .. } = &mut *out;
         // Stand-ins are loaded as a whole for their errors, and for their boxes and slabs.
-        let is_whole = note != 0 || self.casts || self.view.scene.see_through;
+        let is_whole = note != 0 || self.casts || self.view.scene.see_through || self.view.accept_missing;
         let gone = seen.look(at, met, |i| rays.dir(i), hits, [true, is_whole]);
         if let Some(i) = bits(gone).next() {
             return Err(self.view.need(at.number, tree.block_of(&hits.hit(i))));
