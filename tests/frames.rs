@@ -219,8 +219,8 @@ fn a_buffer_is_the_same_whatever_else_is_asked_for() {
     }
 }
 
-/// Depths, errors and primitive ids are further work on the same surfaces. Nothing else may change by that, whatever the
-/// materials, states and lights, in exact pictures and with stand-ins, with any vectors.
+/// Depths, errors and primitive ids are further work on the same surfaces. Nothing else may change by that, whatever
+/// the materials, states and lights, in exact pictures and with stand-ins, with any vectors.
 fn further_buffers_change_no_other_bit() {
     use outcrop::scene::{Context, ContextOptions};
     use outcrop::simd::Isa;
