@@ -213,16 +213,19 @@ mod tests {
         fn extents_of_cells_equal_scalar_ones_and_contain_the_points(points in points(), normal: u16, axes in axes()) {
             let (content, cell) = (Content::of_points(points.clone()), Bounds::of(&points));
             let middle = Middle { at: cell.center().to_array(), half: (cell.extent() * 0.5).to_array() };
-            let slabs = oriented_slabs(fields(content.oriented_slabs(normal.into(), &middle)), normal_bytes(normal.into()), &middle);
+            let own = content.oriented_slabs(normal.into(), &middle);
+            let slabs = oriented_slabs(fields(own), normal_bytes(normal.into()), &middle);
             let large = Content::of_cells(vec![(cell, slabs, Fill::of(&content, &cell))]);
             for isa in Isa::ALL {
                 let [low, high] = dispatch(isa, Reach(&large, &axes));
                 for lane in 0..AXES {
                     let along = axis(&axes, lane);
-                    prop_assert_eq!([low[lane], high[lane]], [-one_by_one(&cell, &slabs, -along), one_by_one(&cell, &slabs, along)]);
+                    let singly = [-one_by_one(&cell, &slabs, -along), one_by_one(&cell, &slabs, along)];
+                    prop_assert_eq!([low[lane], high[lane]], singly);
                     for p in &points {
                         let at = p.as_dvec3().dot(along);
-                        prop_assert!(low[lane] - 1e-4 <= at && at <= high[lane] + 1e-4, "{} {at} {}", low[lane], high[lane]);
+                        let [low, high] = [low[lane], high[lane]];
+                        prop_assert!(low - 1e-4 <= at && at <= high + 1e-4, "{} {at} {}", low, high);
                     }
                 }
             }

@@ -20,7 +20,7 @@ const UNMOVED: (f64, f64) = (0.0, 1.0);
 pub(crate) struct Group {
     walk: Box<PacketWalk>,
     rows: Box<RayRows>,
-    local: Box<LocalRays>,
+    local: Box<LocalRays<PACKET>>,
     /// A second walk, for rays that cannot go in the same packet.
     others: Box<PacketWalk>,
     /// The placed tree that `walk` was in, if the rays enter no other.

@@ -24,7 +24,7 @@ pub(crate) struct ScenePacket {
     inside: u32,
     tree: PacketWalk,
     rows: Box<RayRows>,
-    local: Box<LocalRays>,
+    local: Box<LocalRays<PACKET>>,
     best: [Found; PACKET],
     /// The distance up to which each ray may still go.
     far: [f64; PACKET],

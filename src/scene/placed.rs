@@ -314,17 +314,7 @@ impl Placed {
         if !(ends[0] > 0.0 || ends[1] < f64::INFINITY) {
             return [0.0, f32::INFINITY];
         }
-        self.rounded(ends, org, f64::from(dir()), beyond)
-    }
-
-    /// The ends of a ray's interval for walks, as [`Placed::local`] computes them for rays that are neither scaled nor
-    /// moved nearer. `org` and `dir` are the greatest components of origin and direction in the tree's frame.
-    #[inline(always)]
-    pub fn ends_of(&self, ends: [f64; 2], org: f64, dir: f64, beyond: bool) -> [f32; 2] {
-        if !beyond {
-            return [not_below(ends[0].max(0.0)), not_below(ends[1])];
-        }
-        self.widened(ends, org, dir)
+        self.rounded(ends, org.abs().max_element(), f64::from(dir()), beyond)
     }
 
     /// True if a ray begins so near that it is not moved nearer; `org`: the greatest component of its origin in the
@@ -335,19 +325,13 @@ impl Placed {
     }
 
     /// The ends of an interval in single precision. With `beyond` they are so much farther apart that no hit within the
-    /// exact interval is lost, and hits may lie outside. Otherwise both become the least numbers not below them.
+    /// exact interval is lost, and hits may lie outside. Otherwise both become the least numbers not below them. `org`
+    /// and `dir` are the greatest components of origin and direction in the tree's frame.
     #[inline(always)]
-    fn rounded(&self, [t_min, t_max]: [f64; 2], org: DVec3, dir: f64, beyond: bool) -> [f32; 2] {
+    pub fn rounded(&self, [t_min, t_max]: [f64; 2], org: f64, dir: f64, beyond: bool) -> [f32; 2] {
         if !beyond {
             return [not_below(t_min.max(0.0)), not_below(t_max)];
         }
-        self.widened([t_min, t_max], org.abs().max_element(), dir)
-    }
-
-    /// The ends of an interval, so much farther apart that no hit within the exact interval is lost. `org` and `dir`
-    /// are the greatest components of origin and direction.
-    #[inline(always)]
-    fn widened(&self, [t_min, t_max]: [f64; 2], org: f64, dir: f64) -> [f32; 2] {
         // For directions of about unit length this saves a division. Wherever a ray can hit anything, the rounding of
         // both ends is less than `by`.
         let over = if (0.5..=2.0).contains(&dir) { 2.0 } else { 1.0 / dir };
@@ -390,7 +374,7 @@ impl Placed {
     pub fn local_of(&self, ray: &Ray, rest: Vec3, best: f64, beyond: bool, local: &mut LocalRay) -> Option<(f64, f64)> {
         let size = ray.dir.abs().max_element();
         let org = ray.origin - self.offset;
-        let is_near = org.abs().max_element() <= FAR * self.max_coord;
+        let is_near = self.is_near_by(org.abs().max_element());
         if self.unturned && is_near && USUAL_DIRS.contains(&size) && ray.has_interval() {
             // The common case has one rounding only. A NaN passes through: the walk detects it.
             local.org = org.as_vec3();
@@ -427,7 +411,7 @@ impl Placed {
         let (a, b) = (f64::from(ray.cone.a), f64::from(ray.cone.b));
         let cone = self.narrowed([a + b * shift, b * scale]);
         let ends = [ray.t_min, best].map(|t| (t - shift) / scale);
-        let [mut t_min, t_max] = self.rounded(ends, org, dir.abs().max_element(), beyond);
+        let [mut t_min, t_max] = self.rounded(ends, org.abs().max_element(), dir.abs().max_element(), beyond);
         // The rounding of the sum must not put the first t before the ray's begin.
         while !beyond && shift + scale * f64::from(t_min) < ray.t_min {
             t_min = t_min.next_up();

@@ -56,13 +56,14 @@ impl RayRows {
         placed: &Placed,
         among: u32,
         (best, beyond): (&[f64; PACKET], bool),
-        out: &mut LocalRays,
+        out: &mut LocalRays<PACKET>,
     ) -> u32 {
         among & dispatch(isa, IntoTree { rays: self, placed, best, beyond, out })
     }
 
     /// [`RayRows::take_into_tree`] of all rays of `among`. Calls `moved` for those that have other distances there,
-    /// with shift and scale: see [`Placed::local`]. Returns the rays that may hit something in the tree.
+    /// with shift and scale: see [`Placed::local`]. Returns the rays that may hit something in the tree; the others of
+    /// `among` are [`LocalRay::NONE`] there.
     #[inline(always)]
     pub fn take_all_into_tree(
         &self,
@@ -70,7 +71,7 @@ impl RayRows {
         placed: &Placed,
         among: u32,
         (best, beyond): (&[f64; PACKET], bool),
-        out: &mut LocalRays,
+        out: &mut LocalRays<PACKET>,
         mut moved: impl FnMut(usize, (f64, f64)),
     ) -> u32 {
         let mut inside = self.take_into_tree(isa, placed, among, (best, beyond), out);
@@ -83,10 +84,10 @@ impl RayRows {
             };
             let mut local = LocalRay::NONE;
             if let Some(way) = placed.local(&ray, best[i], beyond, &mut local) {
-                out.set(i, &local);
                 moved(i, way);
                 inside |= 1 << i;
             }
+            out.set(i, &local);
         }
         inside
     }
@@ -97,7 +98,7 @@ struct IntoTree<'a> {
     placed: &'a Placed,
     best: &'a [f64; PACKET],
     beyond: bool,
-    out: &'a mut LocalRays,
+    out: &'a mut LocalRays<PACKET>,
 }
 
 impl Op for IntoTree<'_> {
@@ -135,7 +136,7 @@ fn into_tree<const IS_TURNED: bool>(IntoTree { rays, placed, best, beyond, out }
         }
     }
     for i in 0..PACKET {
-        let ends = placed.ends_of([rays.t_min[i], best[i]], org_size[i], dir_size[i], beyond);
+        let ends = placed.rounded([rays.t_min[i], best[i]], org_size[i], dir_size[i], beyond);
         (out.t_min[i], out.t_max[i]) = (ends[0], ends[1]);
     }
     for i in 0..PACKET {

@@ -25,7 +25,7 @@ pub(crate) struct SceneStream {
     /// The placement of each ray of a run in its tree.
     at: Box<[At; STREAM]>,
     rows: Box<RayRows>,
-    local: Box<LocalRays>,
+    local: Box<LocalRays<PACKET>>,
     alone: SceneWalk,
     /// For each ray in a scene of several placed trees, the stack of top-tree nodes still to be visited. The nearest
     /// node is the last.
@@ -171,14 +171,13 @@ impl SceneView<'_> {
             }
             let among = first_rays(rays.len());
             let reach = (&best, self.widen_interval);
-            let inside = rows.take_all_into_tree(isa, p, among, reach, local, |i, (shift, scale)| {
+            rows.take_all_into_tree(isa, p, among, reach, local, |i, (shift, scale)| {
                 if !*is_moved {
                     *is_moved = true;
                     at.fill(At { placed, shift: 0.0, scale: 1.0 });
                 }
                 at[first + i] = At { placed, shift, scale };
             });
-            bits(among & !inside).for_each(|i| local.set(i, &LocalRay::NONE));
             stream.set_rows(first, local);
         }
         let (tree, filter, hits) = (self.tree(placed), self.filter(placed), &mut hits[..rays.len()]);
@@ -368,7 +367,7 @@ impl SceneView<'_> {
         rays: &[Ray],
         run: &[Entering],
         (first, found): (usize, &[Found]),
-        (rows, local): (&mut RayRows, &mut LocalRays),
+        (rows, local): (&mut RayRows, &mut LocalRays<PACKET>),
         (stream, at): (&mut Stream, &mut [At; STREAM]),
     ) {
         let mut best = [0.0; PACKET];
@@ -387,11 +386,9 @@ impl SceneView<'_> {
             bits(like).for_each(|i| at[i] = At { placed, shift: 0.0, scale: 1.0 });
             let p = &self.scene.placement.placed[placed as usize];
             let isa = self.scene.context().isa();
-            let inside =
-                rows.take_all_into_tree(isa, p, like, (&best, self.widen_interval), local, |i, (shift, scale)| {
-                    at[i] = At { placed, shift, scale };
-                });
-            bits(like & !inside).for_each(|i| local.set(i, &LocalRay::NONE));
+            rows.take_all_into_tree(isa, p, like, (&best, self.widen_interval), local, |i, (shift, scale)| {
+                at[i] = At { placed, shift, scale };
+            });
             match (left, &mut all) {
                 (0, None) => break,
                 (_, all) => {

@@ -231,7 +231,7 @@ impl PacketWalk {
 
     /// Stores all rays. A call of [`PacketWalk::start`] must follow.
     #[inline]
-    pub fn set_rows(&mut self, rays: &LocalRays) {
+    pub fn set_rows(&mut self, rays: &LocalRays<PACKET>) {
         let LocalRays { org, dir, t_min, t_max, cone } = rays;
         let r = &mut self.rays;
         (r.org, r.dir, r.cone) = (must_cast(*org), must_cast(*dir), must_cast(*cone));

@@ -1,6 +1,6 @@
 //! Rays in the form that structures take: in the tree's own frame, in single precision.
 
-use crate::math::{Cone, PACKET};
+use crate::math::Cone;
 use crate::simd::Lanes;
 use glam::Vec3;
 
@@ -59,36 +59,31 @@ impl LocalRay {
     }
 }
 
-/// Rays of a packet, one column each: the fields of [`LocalRay`].
+/// Some rays, one column each: the fields of [`LocalRay`].
 #[derive(Debug, Clone)]
 #[repr(C, align(64))]
-pub struct LocalRays {
+pub struct LocalRays<const N: usize> {
     /// Origins, axis by axis.
-    pub org: [[f32; PACKET]; 3],
+    pub org: [[f32; N]; 3],
     /// Directions, axis by axis.
-    pub dir: [[f32; PACKET]; 3],
+    pub dir: [[f32; N]; 3],
     /// Ends of the intervals.
-    pub t_min: [f32; PACKET],
+    pub t_min: [f32; N],
     /// See `t_min`.
-    pub t_max: [f32; PACKET],
+    pub t_max: [f32; N],
     /// Widths at the origins, and their growth for each unit of distance.
-    pub cone: [[f32; PACKET]; 2],
+    pub cone: [[f32; N]; 2],
 }
 
-impl LocalRays {
+impl<const N: usize> LocalRays<N> {
     /// Invalid rays: all miss.
-    pub const NONE: Self = Self {
-        org: [[0.0; PACKET]; 3],
-        dir: [[0.0; PACKET]; 3],
-        t_min: [0.0; PACKET],
-        t_max: [0.0; PACKET],
-        cone: [[0.0; PACKET]; 2],
-    };
+    pub const NONE: Self =
+        Self { org: [[0.0; N]; 3], dir: [[0.0; N]; 3], t_min: [0.0; N], t_max: [0.0; N], cone: [[0.0; N]; 2] };
 
     /// Ray `i`.
     #[inline(always)]
     pub fn one(&self, i: usize) -> LocalRay {
-        let at = |rows: &[[f32; PACKET]; 3]| Vec3::new(rows[0][i], rows[1][i], rows[2][i]);
+        let at = |rows: &[[f32; N]; 3]| Vec3::new(rows[0][i], rows[1][i], rows[2][i]);
         let cone = Cone { a: self.cone[0][i], b: self.cone[1][i] };
         LocalRay { org: at(&self.org), dir: at(&self.dir), t_min: self.t_min[i], t_max: self.t_max[i], cone }
     }

@@ -4,57 +4,15 @@ use super::bvh::trace::StreamLanes;
 use super::hit::Counters;
 use super::ray::{LocalRay, LocalRays};
 use super::walk::Walk;
-use crate::math::{Cone, PACKET, STREAM};
-use glam::Vec3;
+use crate::math::{PACKET, STREAM};
 
 /// Number of rays in a group.
 pub(super) const GROUP: usize = 16;
 
-/// Sixteen rays as the caller gave them, by field.
-#[derive(Debug, Clone)]
-#[repr(C, align(64))]
-pub(super) struct Rays16 {
-    pub org: [[f32; GROUP]; 3],
-    pub dir: [[f32; GROUP]; 3],
-    pub t_min: [f32; GROUP],
-    pub t_max: [f32; GROUP],
-    pub cone: [[f32; GROUP]; 2],
-}
+/// Sixteen rays as the caller gave them, not yet prepared.
+pub(super) type Rays16 = LocalRays<GROUP>;
 
 impl Rays16 {
-    /// Invalid rays: all miss.
-    pub const NONE: Self = Self {
-        org: [[0.0; GROUP]; 3],
-        dir: [[0.0; GROUP]; 3],
-        t_min: [0.0; GROUP],
-        t_max: [0.0; GROUP],
-        cone: [[0.0; GROUP]; 2],
-    };
-
-    /// Stores a ray, not yet prepared.
-    #[inline(always)]
-    pub fn set(&mut self, i: usize, ray: &LocalRay) {
-        let i = i & (GROUP - 1);
-        (self.org[0][i], self.org[1][i], self.org[2][i]) = (ray.org.x, ray.org.y, ray.org.z);
-        (self.dir[0][i], self.dir[1][i], self.dir[2][i]) = (ray.dir.x, ray.dir.y, ray.dir.z);
-        // Adding 0 turns -0 into +0, because distances are sorted by their bits.
-        (self.t_min[i], self.t_max[i]) = (ray.t_min + 0.0, ray.t_max);
-        (self.cone[0][i], self.cone[1][i]) = (ray.cone.a, ray.cone.b);
-    }
-
-    /// Returns ray `i` as it was stored.
-    fn one(&self, i: usize) -> LocalRay {
-        let i = i & (GROUP - 1);
-        let [org, dir] = [&self.org, &self.dir].map(|v| Vec3::new(v[0][i], v[1][i], v[2][i]));
-        LocalRay {
-            org,
-            dir,
-            t_min: self.t_min[i],
-            t_max: self.t_max[i],
-            cone: Cone { a: self.cone[0][i], b: self.cone[1][i] },
-        }
-    }
-
     /// True if no ray has a footprint.
     pub fn is_exact(&self) -> bool {
         self.cone.as_flattened().iter().all(|w| *w == 0.0)
@@ -108,16 +66,18 @@ impl Stream {
     /// Stores ray `i`, which is below [`STREAM`].
     #[inline(always)]
     pub fn set(&mut self, i: usize, ray: &LocalRay) {
-        self.rays[(i / GROUP) & (STREAM / GROUP - 1)].set(i, ray);
+        // Adding 0 turns -0 into +0, because distances are sorted by their bits.
+        let ray = LocalRay { t_min: ray.t_min + 0.0, ..*ray };
+        self.rays[(i / GROUP) & (STREAM / GROUP - 1)].set(i & (GROUP - 1), &ray);
     }
 
     /// Stores the rays `first..first + PACKET`; `first` is a multiple of [`PACKET`], and below [`STREAM`].
     #[inline]
-    pub fn set_rows(&mut self, first: usize, rays: &LocalRays) {
+    pub fn set_rows(&mut self, first: usize, rays: &LocalRays<PACKET>) {
         for (half, to) in self.rays[first / GROUP..][..PACKET / GROUP].iter_mut().enumerate() {
             let of = |row: &[f32; PACKET]| std::array::from_fn(|i| row[half * GROUP + i]);
             (to.org, to.dir) = (rays.org.each_ref().map(of), rays.dir.each_ref().map(of));
-            // Adding 0 turns -0 into +0, because distances are sorted by their bits.
+            // As in `set`.
             (to.t_min, to.t_max) = (of(&rays.t_min).map(|t: f32| t + 0.0), of(&rays.t_max));
             to.cone = rays.cone.each_ref().map(of);
         }
@@ -136,7 +96,7 @@ impl Stream {
 
     /// Returns ray `i` as it was stored.
     pub(super) fn ray(&self, i: usize) -> LocalRay {
-        self.rays[(i / GROUP) & (STREAM / GROUP - 1)].one(i)
+        self.rays[(i / GROUP) & (STREAM / GROUP - 1)].one(i & (GROUP - 1))
     }
 
     /// Distance at which a stand-in first transmitted each ray of the last call, see [`Walk::transmitted`].
@@ -155,6 +115,7 @@ impl Stream {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::math::Cone;
 
     #[test]
     fn rays_of_earlier_calls_have_no_influence() {

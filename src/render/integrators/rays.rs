@@ -76,10 +76,7 @@ impl CameraPacket {
 
     /// The rays for [`crate::scene::group::CameraTree`].
     pub fn of_camera(&mut self) -> CameraRays<'_> {
-        // Frames that are only translated take the eye.
-        if let Some(eye) = self.eye {
-            self.rows.origin = eye.to_array().map(|x| [x; PACKET]);
-        }
+        self.fill_origins();
         CameraRays { rays: &self.rows, eye: self.eye }
     }
 
@@ -97,7 +94,13 @@ impl CameraPacket {
 
     /// Gives each ray an origin of its own, if they share one.
     pub fn spread(&mut self) {
-        if let Some(eye) = self.eye.take() {
+        self.fill_origins();
+        self.eye = None;
+    }
+
+    /// Sets the origins of the rows to the eye, if the rays share one.
+    fn fill_origins(&mut self) {
+        if let Some(eye) = self.eye {
             self.rows.origin = eye.to_array().map(|x| [x; PACKET]);
         }
     }

@@ -88,6 +88,18 @@ impl Shading {
         set_column(&mut self.colour, i, colour);
     }
 
+    /// The gloss of the surface that ray `i` hits.
+    #[inline(always)]
+    fn gloss(&self, i: usize) -> Gloss {
+        Gloss {
+            metalness: self.metalness[i],
+            diffuse: self.diffuse[i],
+            smooth: self.smooth[i],
+            gain: self.gain[i],
+            exponent: self.exponent[i],
+        }
+    }
+
     /// Begins the sums with glow and ambient light. `met`: rays with a surface, in the directions `dir`; `faced`: rays
     /// for which [`Shading::facing`] is set.
     pub fn begin(&mut self, isa: Isa, dir: &Vectors, [met, faced]: [u32; 2], ambient: f32) {
@@ -186,19 +198,13 @@ impl Op for Headlights<'_> {
 
     #[inline(always)]
     fn run<S: Simd>(self, _: S) {
-        let Shading { facing, colour, metalness, diffuse, smooth, gain, exponent, aslant, lobe, sum, .. } = self.all;
-        for light in self.lights {
+        let Self { all, lights } = self;
+        for light in lights {
             let strength = Vec3::from(light.colour) * light.intensity;
             for i in 0..PACKET {
-                let gloss = Gloss {
-                    metalness: metalness[i],
-                    diffuse: diffuse[i],
-                    smooth: smooth[i],
-                    gain: gain[i],
-                    exponent: exponent[i],
-                };
-                let add = gloss.lit(column(colour, i), facing[i], aslant[i], lobe[i], strength);
-                (sum[0][i], sum[1][i], sum[2][i]) = (sum[0][i] + add.x, sum[1][i] + add.y, sum[2][i] + add.z);
+                let add = all.gloss(i).lit(column(&all.colour, i), all.facing[i], all.aslant[i], all.lobe[i], strength);
+                let sum = column(&all.sum, i) + add;
+                set_column(&mut all.sum, i, sum);
             }
         }
     }
@@ -280,7 +286,7 @@ impl Op for Reflect<'_> {
     #[inline(always)]
     fn run<S: Simd>(self, _: S) {
         let Self { all, dir, aim: Aim { to_light, irradiance, lit }, facing, cells, out } = self;
-        let Shading { normal, colour, metalness, diffuse, smooth, gain, exponent, .. } = all;
+        let Shading { normal, colour, exponent, .. } = all;
         let (mut cosines, mut halves, mut aslant) = ([0.0; PACKET], [0.0; PACKET], [0.0; PACKET]);
         for i in 0..PACKET {
             let (to_eye, to_light, normal) = (-column(dir, i), column(to_light, i), column(normal, i));
@@ -298,14 +304,7 @@ impl Op for Reflect<'_> {
         let mut lobe = [0.0; PACKET];
         all_powers(&halves, exponent, *lit, &mut lobe);
         for i in 0..PACKET {
-            let gloss = Gloss {
-                metalness: metalness[i],
-                diffuse: diffuse[i],
-                smooth: smooth[i],
-                gain: gain[i],
-                exponent: exponent[i],
-            };
-            let one = gloss.lit(column(colour, i), cosines[i], aslant[i], lobe[i], column(irradiance, i));
+            let one = all.gloss(i).lit(column(colour, i), cosines[i], aslant[i], lobe[i], column(irradiance, i));
             (out[0][i], out[1][i], out[2][i]) = (one.x, one.y, one.z);
         }
     }
