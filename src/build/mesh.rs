@@ -19,7 +19,7 @@ use crate::math::Bounds;
 use crate::store::TreeRow;
 use crate::structure::Par;
 use crate::structure::bake::{BakeOp, Baker, Counts, TreeInput, TreeOptions, with_baker};
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec3, Vec4};
 use std::borrow::Cow;
 use std::time::Instant;
 
@@ -216,7 +216,7 @@ impl Output<'_> {
     fn chunk<B: Baker>(
         &mut self,
         source: Source,
-        part_colours: &[Vec3],
+        part_colours: &[Vec4],
         (split, mesh_half_area): (bool, f32),
         aside: &mut [ClassAside],
         span: Span,
@@ -303,7 +303,7 @@ fn make_normals(
     Ok(made)
 }
 
-fn input<'a>(placed: &'a Placed, normals: &'a [[u32; 3]], part_colours: &'a [Vec3]) -> TreeInput<'a> {
+fn input<'a>(placed: &'a Placed, normals: &'a [[u32; 3]], part_colours: &'a [Vec4]) -> TreeInput<'a> {
     let Placed { triangles, parts, prims, values, .. } = placed;
     TreeInput { triangles, parts, prims, colours: &values.colours, normals, part_colours }
 }

@@ -11,7 +11,7 @@ use crate::base::progress::Cancel;
 use crate::math::{Bounds, DBounds};
 use crate::store::{InstanceRow, MaterialRow, PartRow};
 use crate::structure::Par;
-use glam::{DAffine3, DVec3, Vec3};
+use glam::{DAffine3, DVec3, Vec3, Vec4};
 use std::collections::BTreeMap;
 
 /// Parts, their materials, and the instances of shared meshes.
@@ -114,12 +114,16 @@ impl Assembly {
         }
     }
 
-    /// Returns the linear colours of a mesh's local parts, as of its first instance.
-    pub fn colours(&self, tree: usize, local_parts: u32) -> Vec<Vec3> {
+    /// Returns the linear colours of a mesh's local parts, with their opacity, as of its first instance.
+    pub fn colours(&self, tree: usize, local_parts: u32) -> Vec<Vec4> {
         let placing = self.placings.get(tree).first().map(|&i| &self.instances[i as usize]);
         let first = placing.map_or(0, |i| i.first_part) as usize;
         let rows = self.parts.iter().skip(first).take(local_parts as usize);
-        rows.map(|row| Vec3::from(self.materials[row.material as usize].colour)).collect()
+        let colour = |row: &PartRow| {
+            let material = &self.materials[row.material as usize];
+            Vec3::from(material.colour).extend(material.opacity)
+        };
+        rows.map(colour).collect()
     }
 }
 

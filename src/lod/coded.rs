@@ -10,8 +10,9 @@
 //!
 //! The paper packs a sample into 32 bits: 15 of normal, 15 of colour, no likeness and no cover.
 
+use super::curtain::{Curtain, FirstHit};
 use super::oriented_slabs::{Content, Middle, abs, normal_bytes, splat};
-use super::voxel::{Sample, Voxel};
+use super::voxel::{Sample, Sum, Voxel};
 use crate::simd::Lanes;
 use glam::{Vec2, Vec3};
 
@@ -48,6 +49,8 @@ const SIX: u32 = 1 << 24;
 const COLOURED: u32 = 1 << 25;
 /// Flag in the part's word: the voxel has several parts.
 const MIXED: u32 = 1 << 31;
+/// Flag in the part's word: the voxel has curtains.
+const CURTAINED: u32 = 1 << 30;
 
 /// Sides agree if no component of a side's normal, of either sign, differs by more than this from the mean.
 const NORMALS: f32 = 0.3;
@@ -72,6 +75,8 @@ pub struct Coded {
     pub sides: Option<Box<[u32; SIDES_WORDS]>>,
     /// The oriented slabs.
     pub slabs: u32,
+    /// The bits of all parts that the curtains show, and the curtains. Empty if there are none.
+    pub curtains: Box<[u32]>,
 }
 
 #[inline(always)]
@@ -116,19 +121,22 @@ impl Coded {
         let part = voxel.part | if voxel.is_mixed { MIXED } else { 0 };
         let slabs = content.oriented_slabs(a, cell);
         if agree || !may_have_sides {
-            return Self { words: [a, b, part, voxel.summary], sides: None, slabs };
+            return Self { words: [a, b, part, voxel.summary], sides: None, slabs, curtains: Box::default() };
         }
         let mut sides = Box::new([0; SIDES_WORDS]);
         for (words, side) in sides.chunks_exact_mut(2).zip(&voxel.sides) {
             let [first, second] = sample(side);
             words.copy_from_slice(&[first, second & colours]);
         }
-        Self { words: [a | SIX, 0, part, voxel.summary], sides: Some(sides), slabs }
+        Self { words: [a | SIX, 0, part, voxel.summary], sides: Some(sides), slabs, curtains: Box::default() }
     }
 
     /// Words of the voxel.
     pub fn len(&self) -> usize {
-        VOXEL_WORDS + if self.sides.is_some() { SIDES_WORDS } else { 0 }
+        let sides = if self.sides.is_some() { SIDES_WORDS } else { 0 };
+        // One more word is the voxel's own summary.
+        let curtains = if self.curtains.is_empty() { 0 } else { 1 + self.curtains.len() };
+        VOXEL_WORDS + sides + curtains
     }
 
     /// Always false.
@@ -166,7 +174,42 @@ impl Coded {
     /// The part in a part's word, and true if the voxel has other parts.
     #[inline]
     pub fn part(word: u32) -> (u32, bool) {
-        (word & !MIXED, word & MIXED != 0)
+        (word & !(MIXED | CURTAINED), word & MIXED != 0)
+    }
+
+    /// True if a part's word states that the voxel has curtains.
+    #[inline]
+    pub fn has_curtains(word: u32) -> bool {
+        word & CURTAINED != 0
+    }
+
+    /// Replaces the colours by the means of those that lines meet first, where lines meet any.
+    pub(super) fn colour<'a>(&mut self, hits: impl Iterator<Item = &'a FirstHit>) {
+        let (mut all, mut of_sides) = (Sum::default(), [Sum::default(); 6]);
+        for hit in hits {
+            all.add(Vec3::ZERO, hit.colour, hit.weight);
+            for axis in 0..3 {
+                let side = if hit.from[axis] < 0.0 { axis } else { axis + 3 };
+                of_sides[side].add(Vec3::ZERO, hit.colour, hit.weight * hit.from[axis].abs());
+            }
+        }
+        let put = |word: &mut u32, sum: &Sum| {
+            if let Sample { colour, cover: 1.0, .. } = sum.mean(1.0) {
+                *word = *word & !0xff_ffff | sample(&Sample { normal: Vec3::Z, colour, cover: 0.0 })[1];
+            }
+        };
+        put(&mut self.words[1], &all);
+        if let Some(sides) = &mut self.sides {
+            sides.chunks_exact_mut(2).zip(&of_sides).for_each(|(words, sum)| put(&mut words[1], sum));
+        }
+    }
+
+    /// Gives the voxel curtains, at least one.
+    pub(super) fn hang(&mut self, curtains: &[Curtain]) {
+        let shown = curtains.iter().fold(0, |all, curtain| all | curtain.summary);
+        let words = curtains.iter().enumerate().flat_map(|(i, curtain)| curtain.words(i + 1 == curtains.len()));
+        self.curtains = std::iter::once(shown).chain(words).collect();
+        self.words[2] |= CURTAINED;
     }
 }
 

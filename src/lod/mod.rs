@@ -9,6 +9,7 @@
 
 mod coded;
 mod fill;
+mod curtain;
 mod support;
 mod seen;
 mod oriented_slabs;
@@ -19,6 +20,7 @@ pub use coded::{
     Coded, SAMPLE_BYTES, SIDES_WORDS, TRANSMITTING_LEVEL, VOXEL_WORDS, stop_bits, stopped, stored_colour,
     stored_likeness, stored_normal,
 };
+pub use curtain::{CURTAIN_WORDS, Curtain, FirstHit, MOST_CURTAIN_WORDS, curtain_from, hang_curtains};
 pub use fill::{Fill, LEAST, LESS, holds, limit, sure_from};
 pub use oriented_slabs::{
     Content, FIELDS, LEVEL, Middle, OrientedSlab, OrientedSlabs, fields, normal_bytes, oriented_slabs,

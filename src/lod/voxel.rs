@@ -73,21 +73,21 @@ fn axis_of(side: usize) -> (usize, bool) {
 }
 
 /// A weighted sum of samples, from which a mean is computed.
-#[derive(Clone, Copy, Default)]
-struct Sum {
-    normal: Vec3,
-    colour: Vec3,
-    weight: f32,
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Sum {
+    pub normal: Vec3,
+    pub colour: Vec3,
+    pub weight: f32,
 }
 
 impl Sum {
-    fn add(&mut self, normal: Vec3, colour: Vec3, weight: f32) {
+    pub fn add(&mut self, normal: Vec3, colour: Vec3, weight: f32) {
         self.normal += normal * weight;
         self.colour += colour * weight;
         self.weight += weight;
     }
 
-    fn mean(&self, cover: f32) -> Sample {
+    pub fn mean(&self, cover: f32) -> Sample {
         if !(self.weight > 0.0 && self.weight.is_finite()) {
             return Sample::NOTHING;
         }
@@ -98,7 +98,7 @@ impl Sum {
 }
 
 /// Turns a normal so that it points out of the cell on `side`.
-fn toward(normal: Vec3, side: usize) -> Vec3 {
+pub(super) fn toward(normal: Vec3, side: usize) -> Vec3 {
     let (axis, high) = axis_of(side);
     if (normal[axis] < 0.0) == high { -normal } else { normal }
 }

@@ -129,9 +129,10 @@ impl PartLooks {
 pub(crate) struct PartsShown {
     pub looks: Arc<PartLooks>,
     /// The bits (`lod::summary_bit`) of the model's parts that are hidden or look different from the file, of those
-    /// that are hidden, and of those that are visible.
+    /// that are hidden, of those that are hidden or see-through, and of those that are visible.
     touched: u32,
     hidden_bits: u32,
+    unseen_bits: u32,
     visible_bits: u32,
     /// For each placed tree of the instance; empty if no part is hidden.
     pub trees: Box<[ShownBlocks]>,
@@ -155,7 +156,9 @@ impl PartsShown {
             *(if looks.hides(part) { &mut hidden_bits } else { &mut visible_bits }) |= summary_bit(part);
         }
         let touched = looks.coloured.keys().fold(hidden_bits, |all, &p| all | summary_bit(p));
-        Ok(Self { looks, touched, hidden_bits, visible_bits, trees, took, _memory: memory })
+        let clear = looks.coloured.iter().filter(|(_, look)| look.see_through());
+        let unseen_bits = clear.fold(hidden_bits, |all, (&p, _)| all | summary_bit(p));
+        Ok(Self { looks, touched, hidden_bits, unseen_bits, visible_bits, trees, took, _memory: memory })
     }
 
     /// Bytes of memory that [`PartsShown::of`] takes, those of the looks included.
@@ -175,6 +178,11 @@ impl PartsShown {
     /// The bits of the hidden parts, likewise.
     pub fn hidden_bits(&self, first_part: u32) -> u32 {
         self.hidden_bits.rotate_right(first_part % 32)
+    }
+
+    /// The bits of the parts that are hidden or see-through, likewise.
+    pub fn unseen_bits(&self, first_part: u32) -> u32 {
+        self.unseen_bits.rotate_right(first_part % 32)
     }
 
     /// The bits of the visible parts, likewise.

@@ -303,6 +303,7 @@ impl<'a> SceneView<'a> {
             first_part: p.first_part,
             touched: parts.touched(p.first_part),
             hidden_bits: parts.hidden_bits(p.first_part),
+            unseen_bits: parts.unseen_bits(p.first_part),
             visible_bits: parts.visible_bits(p.first_part),
             within: None,
         };

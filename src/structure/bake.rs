@@ -8,7 +8,7 @@ use crate::base::error::Result;
 use crate::base::progress::Stretch;
 use crate::math::{Bounds, srgb};
 use crate::store::CLASSES;
-use glam::Vec3;
+use glam::{Vec3, Vec4};
 
 /// Triangles of a chunk, relative to the tree's origin. The first three slices have equal lengths.
 #[derive(Debug, Clone, Copy)]
@@ -24,8 +24,8 @@ pub struct TreeInput<'a> {
     /// Codes of the normals of each triangle's corners (`math::octahedral`), or empty. Codes below 2: the triangle's
     /// own.
     pub normals: &'a [[u32; 3]],
-    /// Linear colour of each local part. Parts beyond the end are grey.
-    pub part_colours: &'a [Vec3],
+    /// Linear colour and opacity of each local part. Parts beyond the end are grey and opaque.
+    pub part_colours: &'a [Vec4],
 }
 
 impl TreeInput<'_> {
@@ -37,8 +37,23 @@ impl TreeInput<'_> {
                 let [a, b, c] = corners.map(linear);
                 (if corners[0] == corners[1] && corners[0] == corners[2] { a } else { (a + b + c) / 3.0 }, true)
             }
-            _ => (self.part_colours.get(self.parts[triangle] as usize).copied().unwrap_or(GREY), false),
+            _ => (self.part_colour(self.parts[triangle]), false),
         }
+    }
+
+    /// True if the triangles belong to several parts.
+    pub(super) fn has_several_parts(&self) -> bool {
+        self.parts.windows(2).any(|pair| pair[0] != pair[1])
+    }
+
+    /// Returns the linear colour of a local part.
+    pub(super) fn part_colour(&self, part: u32) -> Vec3 {
+        self.part_colours.get(part as usize).map_or(GREY, |colour| colour.truncate())
+    }
+
+    /// True if a local part is opaque.
+    pub(super) fn is_opaque(&self, part: u32) -> bool {
+        self.part_colours.get(part as usize).is_none_or(|colour| colour.w >= 1.0)
     }
 }
 

@@ -15,6 +15,8 @@ pub struct CellParts {
     pub summary: u32,
     /// A block whose list of parts has all of them.
     pub listed_by: u32,
+    /// The bits of all parts that the cell's curtains show (`lod::Curtain`); 0 if it has none.
+    pub shown: u32,
 }
 
 /// Cells that up to `N` rays hit, one column for each ray. Reusable: the columns of other rays hold arbitrary values.
@@ -28,7 +30,7 @@ pub struct Cells<const N: usize> {
     pub firsts: [[u32; N]; 3],
     /// Second words of the samples, see `firsts`.
     pub seconds: [[u32; N]; 3],
-    /// The local part of the tree that covers most of the cell.
+    /// The local part of the tree that covers most of the cell, or that the curtain shows.
     pub part: [u32; N],
     /// Level of the bound on the distance from the cell's region to its content (`lod::limit`). Filled only if the
     /// caller requests it.
@@ -41,6 +43,8 @@ pub struct Cells<const N: usize> {
     pub have_three: u32,
     /// Rays that hit a cell with colours of its own, which replace the colours of its part.
     pub coloured: u32,
+    /// Rays from which a curtain hides the cell (`lod::Curtain`): their sample is that of the curtain.
+    pub curtained: u32,
 }
 
 impl<const N: usize> Cells<N> {
@@ -55,6 +59,7 @@ impl<const N: usize> Cells<N> {
         inside: 0,
         have_three: 0,
         coloured: 0,
+        curtained: 0,
     };
 
     /// The box of the cell of ray `i`.

@@ -13,6 +13,8 @@ pub struct PartFilter<'a> {
     pub touched: u32,
     /// The bits of all local parts that are hidden.
     pub hidden_bits: u32,
+    /// The bits of all local parts that are hidden or see-through: cells do not show them in place of other parts.
+    pub unseen_bits: u32,
     /// The bits of all local parts that are visible.
     pub visible_bits: u32,
     /// A further test of each hit, if there is one. Packets and bundles with such a test are traced as single rays.
@@ -22,7 +24,15 @@ pub struct PartFilter<'a> {
 impl Default for PartFilter<'_> {
     /// Rejects nothing.
     fn default() -> Self {
-        Self { hidden: &[], first_part: 0, touched: 0, hidden_bits: 0, visible_bits: u32::MAX, within: None }
+        Self {
+            hidden: &[],
+            first_part: 0,
+            touched: 0,
+            hidden_bits: 0,
+            unseen_bits: 0,
+            visible_bits: u32::MAX,
+            within: None,
+        }
     }
 }
 

@@ -256,16 +256,17 @@ impl<'a> Tree<'a> {
     /// snapshot: their columns hold arbitrary values.
     ///
     /// `dir` returns a ray's direction in the tree's frame. With `is_whole`, boxes and levels of all cells are filled.
+    /// Curtains that may show a part with a bit in `unseen` are left out.
     #[inline(always)]
     pub fn cells<const N: usize>(
         &self,
         rays: u32,
         hit: impl Fn(usize) -> TriHit,
         dir: impl Fn(usize) -> DVec3,
-        is_whole: bool,
+        (is_whole, unseen): (bool, u32),
         out: &mut Cells<N>,
     ) -> u32 {
-        of_each!(&self.blocks, own => own.cells(rays, hit, dir, is_whole, out))
+        of_each!(&self.blocks, own => own.cells(rays, hit, dir, (is_whole, unseen), out))
     }
 
     /// Prefetches the memory that [`Tree::cells`] reads for a cell that was hit. A first call prefetches the cell's

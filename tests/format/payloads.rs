@@ -3,7 +3,7 @@
 use super::model::model;
 use super::page::{check_constant, evaluate, number, size_of_type, table};
 use outcrop::base::ids::BlockId;
-use outcrop::lod::{self, Coded};
+use outcrop::lod::{self, CURTAIN_WORDS, Coded, Curtain};
 use outcrop::store::TreeRow;
 use outcrop::structure::bvh::codec::{Holds, Place, decode_geometry};
 use outcrop::structure::bvh::layout::{Block, COARSE, FINE, LONG_VOXEL, MAX_VERTICES, PAD_WORDS, SHORT_VOXEL, WIDTH};
@@ -75,6 +75,7 @@ impl<'a> Payload<'a> {
             self.counts.insert("s", top_bytes.iter().filter(|byte| **byte & 1 != 0).count());
         } else if name.starts_with("only with parts: the local part") {
             self.counts.insert("m", top_bytes.iter().filter(|byte| **byte & 0x80 != 0).count());
+            self.counts.insert("g", top_bytes.iter().filter(|byte| **byte & 0x40 != 0).count());
         } else if name.starts_with("for each leaf: bits 0 to 2") {
             let shapes = bytes.iter().map(|shape| usize::from(*shape));
             let triangles = |shape: usize| 1 + (shape & 7);
@@ -110,6 +111,9 @@ fn check_nodes(payload: &Payload, block: &Block) {
     let counts = ["n", "e", "c", "s", "r"].map(|name| payload.count(name));
     let found = [block.nodes(), block.externals(), block.voxels(), block.six_sided(), block.voxel_words()];
     assert_eq!(counts, found);
+    let curtains = ["g", "h"].map(|name| payload.count(name));
+    assert_eq!(2 * curtains[0] + CURTAIN_WORDS * curtains[1], block.words_of_curtains());
+    let mut curtain = 0;
     let corners = ["x of the least corner", "y of the least", "z of the least"].map(|name| payload.row(name));
     let (exponents, boxes) = (payload.row("exponents"), payload.row("boxes"));
     let [first, slabs] = ["word 0", "oriented slabs"].map(|name| payload.row(name));
@@ -125,6 +129,13 @@ fn check_nodes(payload: &Payload, block: &Block) {
             assert_eq!(transposed(first, child), block.voxel(i, slot).words()[0]);
             // The decoder leaves the slabs as they are.
             assert_eq!(transposed(slabs, child), node.slabs[slot]);
+            for words in block.voxel(i, slot).curtains() {
+                for (word, found) in words.into_iter().enumerate() {
+                    let row = payload.row(&format!("only with parts: word {word} of each curtain"));
+                    assert_eq!(transposed(row, curtain), found);
+                }
+                curtain += 1;
+            }
             child += 1;
         }
     }
@@ -238,7 +249,7 @@ fn payloads_have_the_rows_of_their_tables() {
         );
         is_smooth |= normals.count("n") > 1;
         kinds.insert((kind, payload.count("r")));
-        for name in ["e", "s", "m", "k", "q"] {
+        for name in ["e", "s", "m", "g", "h", "k", "q"] {
             let count = most.entry(name).or_default();
             *count = payload.count(name).max(*count);
         }
@@ -305,4 +316,34 @@ fn bits_of_stand_ins() {
         assert!((0..3).all(|i| (colour[i] - if i == channel { 1.0 } else { 0.0 }).abs() < 1e-6), "{colour:?}");
     }
     assert_eq!(lod::stored_colour(mask(word1[3])).to_array(), [0.0; 3]);
+}
+
+#[test]
+fn bits_of_curtains() {
+    let mask = |(from, count): (u32, u32)| ((1u64 << (from + count)) - (1 << from)) as u32;
+    let words = [0, 1, 2].map(|word| bits(&format!("#### Curtain, word {word}")));
+    assert!(Curtain::is_last(mask(words[0][3])) && !Curtain::is_last(!mask(words[0][3])));
+    // Each direction has one bit, and all of them are those of the table.
+    let (mut all, steps) = (0, [-1.0f32, 0.0, 1.0]);
+    for (i, to) in (0..27).map(|i| (i, glam::Vec3::new(steps[i % 3], steps[i / 3 % 3], steps[i / 9]))) {
+        if i != 13 {
+            let near = to + glam::Vec3::new(0.2, -0.1, 0.15) * 0.9;
+            assert!([to, near].iter().all(|to| lod::curtain_from(1 << i, *to) && !lod::curtain_from(!(1 << i), *to)));
+        }
+        all |= 1u32 << i;
+    }
+    assert_eq!(all, mask(words[0][0]));
+    let likeness = |first: u32| lod::stored_likeness(Curtain::shown([first, 0, 0]).0[0]);
+    assert!(
+        (likeness(mask(words[0][1])) - 1.0).abs() < 0.01 && (likeness(!mask(words[0][1])) - 2.0 / 3.0).abs() < 0.01
+    );
+    for channel in 0..3 {
+        let ([_, second], _) = Curtain::shown([0, mask(words[1][channel]), 0]);
+        let colour = lod::stored_colour(second).to_array();
+        assert!((0..3).all(|i| (colour[i] - if i == channel { 1.0 } else { 0.0 }).abs() < 1e-6), "{colour:?}");
+    }
+    let normal = |second, third| lod::normal_bytes(Curtain::shown([0, second, third]).0[0]);
+    let [(one, _), (two, _)] = [words[1][3], words[2][1]];
+    assert_eq!((normal(1 << one, 0), normal(0, 1 << two)), ([1.0, 0.0], [0.0, 1.0]));
+    assert_eq!(Curtain::shown([0, 0, u32::MAX]).1, mask(words[2][0]));
 }

@@ -74,9 +74,11 @@ impl<const N: usize> StandIns<N> {
             set_column(&mut self.dir, i, dir(i));
         }
         let local = |i: usize| p.local_vector(dir(i).as_dvec3());
-        let gone = tree.cells(rays, |i| hits.hit(i), local, is_whole, &mut self.cells);
+        let filter = at.view.filter(at.number);
+        let unseen = filter.as_ref().map_or(0, |filter| filter.unseen_bits);
+        let gone = tree.cells(rays, |i| hits.hit(i), local, (is_whole, unseen), &mut self.cells);
         self.first_part = p.first_part;
-        if let Some(filter) = at.view.filter(at.number) {
+        if let Some(filter) = filter {
             bits(rays & !gone).for_each(|i| self.under_looks(i, at, tree, &filter, &hits.hit(i)));
         }
         if N == 1 {
@@ -92,13 +94,19 @@ impl<const N: usize> StandIns<N> {
     /// that part is hidden, which happens only where data is missing, the cell shows a visible part of the
     /// block whose list has the cell's parts.
     fn under_looks(&mut self, i: usize, at: &InTree, tree: &Tree, filter: &PartFilter, hit: &TriHit) {
-        let Some(CellParts { part, is_mixed, summary, listed_by }) = tree.parts_in_cell(hit) else { return };
-        if !is_mixed || summary & filter.touched == 0 {
+        let Some(CellParts { part, is_mixed, summary, listed_by, shown }) = tree.parts_in_cell(hit) else { return };
+        let is_touched = is_mixed && summary & filter.touched != 0;
+        // The level speaks of all original surface, hidden or not.
+        if is_touched && summary & filter.hidden_bits != 0 {
+            self.cells.level[i] = 0;
+        }
+        if self.cells.curtained >> i & 1 == 1 {
+            // No part of the curtain is hidden or see-through.
+            self.cells.coloured &= if shown & filter.touched == 0 { u32::MAX } else { !(1 << i) };
             return;
         }
-        // The level speaks of all original surface, hidden or not.
-        if summary & filter.hidden_bits != 0 {
-            self.cells.level[i] = 0;
+        if !is_touched {
+            return;
         }
         if !tree.has_colours() || filter.hides(part) {
             self.cells.coloured &= !(1 << i);

@@ -16,11 +16,11 @@ impl<'a> TreeView<'a> {
         rays: u32,
         hit: impl Fn(usize) -> TriHit,
         dir: impl Fn(usize) -> DVec3,
-        _: bool,
+        _: (bool, u32),
         out: &mut Cells<N>,
     ) -> u32 {
         let mut gone = 0;
-        (out.missing, out.inside, out.have_three, out.coloured) = (0, 0, 0, 0);
+        (out.missing, out.inside, out.have_three, out.coloured, out.curtained) = (0, 0, 0, 0, 0);
         for i in bits(rays) {
             let Some((cell, row)) = self.cell_at(&hit(i)) else {
                 gone |= 1 << i;

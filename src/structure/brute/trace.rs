@@ -283,7 +283,7 @@ impl<'a> TreeView<'a> {
     pub fn parts_in_cell(&self, hit: &TriHit) -> Option<CellParts> {
         let row = self.row_of(hit.block, hit.stand_in()?)?;
         let (part, is_mixed) = Coded::part(row.voxel()[2]);
-        Some(CellParts { part, is_mixed, summary: row.voxel()[3], listed_by: row.below().0 })
+        Some(CellParts { part, is_mixed, summary: row.voxel()[3], listed_by: row.below().0, shown: 0 })
     }
 
     /// Returns the block that the stand-in of `hit` replaces, if that block is missing.

@@ -5,7 +5,7 @@ use super::layout::{
     Block, Child, EXTERNAL_WORDS, HEADER_WORDS, LONG_VOXEL, MAX_NODES, MAX_WORDS, NODE_WORDS, Node, PAD_WORDS,
     SHORT_VOXEL, Transmitting, WIDTH, mark_transmitting,
 };
-use crate::lod::{Coded, SIDES_WORDS, stop_bits, summary_bit};
+use crate::lod::{CURTAIN_WORDS, Coded, Curtain, SIDES_WORDS, stop_bits, summary_bit};
 use crate::structure::bytes::{Reader, padded, piece, push_planes};
 
 /// Bytes of a node's grid and valid bits.
@@ -71,13 +71,54 @@ fn push_voxels<'a>(out: &mut Vec<u8>, block: &Block<'a>) {
     push_planes(out, slabs.iter().copied());
     if is_long {
         push_planes(out, voxels.iter().map(|v| v[2]));
-        let mixed = voxels.iter().filter(|v| Coded::part(v[2]).1);
-        mixed.for_each(|v| out.extend(v[3].to_le_bytes()));
+        let mixed = block.all_voxels().filter(|v| v.part().1);
+        mixed.for_each(|v| out.extend(v.summary().to_le_bytes()));
+        push_curtains(out, block);
     }
-    let (from, to) = (block.sides_at(), block.first_leaf());
+    let (from, to) = (block.sides_at(), block.curtains_at());
     for word in 0..SIDES_WORDS {
         push_planes(out, block.words()[from..to].iter().skip(word).step_by(SIDES_WORDS).copied());
     }
+}
+
+/// Encodes the curtains of a block.
+fn push_curtains(out: &mut Vec<u8>, block: &Block) {
+    let curtains: Vec<_> = block.all_voxels().flat_map(|v| v.curtains()).collect();
+    out.extend((curtains.len() as u16).to_le_bytes());
+    let shown: Vec<u32> = block.all_voxels().filter_map(|v| v.shown()).collect();
+    push_planes(out, shown.iter().copied());
+    for word in 0..CURTAIN_WORDS {
+        push_planes(out, curtains.iter().map(|curtain| curtain[word]));
+    }
+}
+
+/// Reads the curtains of a block with voxels of parts `parts`. Returns their words, with the summaries of the voxels
+/// left out as zeros, and the position of each voxel's.
+fn read_curtains(reader: &mut Reader, parts: &[u32]) -> Checked<(Vec<u32>, Vec<u32>)> {
+    let count = usize::from(reader.u16()?);
+    let with_some = parts.iter().filter(|word| Coded::has_curtains(**word)).count();
+    let shown = reader.words(with_some, 0)?;
+    let (first, second, third) = (reader.words(count, 0)?, reader.words(count, 0)?, reader.words(count, 0)?);
+    let (mut words, mut positions, mut next) = (Vec::new(), Vec::with_capacity(with_some), 0);
+    for shown in shown {
+        positions.push(words.len() as u32);
+        words.extend([0, shown]);
+        loop {
+            let Some(head) = first.get(next) else { return wrong("the curtains of a voxel have no end") };
+            if !Curtain::is_sound(*head) {
+                return wrong("a curtain has unknown directions");
+            }
+            words.extend([*head, second[next], third[next]]);
+            next += 1;
+            if Curtain::is_last(*head) {
+                break;
+            }
+        }
+    }
+    if next != count || words.len() > MAX_WORDS {
+        return wrong("the number of curtains is wrong");
+    }
+    Ok((words, positions))
 }
 
 /// Kinds of a node's children, 2 bits a slot.
@@ -215,6 +256,7 @@ fn read_voxels<'a>(reader: &mut Reader<'a>, valid: &[u8], count: usize) -> Check
     let parts = if size == LONG_VOXEL { reader.words(count, 0)? } else { Vec::new() };
     let of_mixed = parts.iter().filter(|word| Coded::part(**word).1).count();
     let of_mixed = padded(reader.take(4 * of_mixed)?.chunks_exact(4).map(|b| u32::from_le_bytes(*piece(b, 0))), 1);
+    let (mut curtains, at) = if size == LONG_VOXEL { read_curtains(reader, &parts)? } else { Default::default() };
     let (mut six_sided, mut counted) = (0, 0);
     for (first, second) in firsts.iter().zip(&mut seconds) {
         let has_sides = u32::from(Coded::has_sides(*first));
@@ -235,14 +277,20 @@ fn read_voxels<'a>(reader: &mut Reader<'a>, valid: &[u8], count: usize) -> Check
     }
     let own = &mut words[own_at..sides_at];
     if size == LONG_VOXEL {
-        let mut next = 0;
+        let (mut next, mut at) = (0, at.iter());
         for (i, voxel) in own.as_chunks_mut::<LONG_VOXEL>().0.iter_mut().enumerate() {
             let (part, is_mixed) = Coded::part(parts[i]);
             // The summary is read in both cases, because a branch would be mispredicted.
             let own = of_mixed[next];
             let summary = if is_mixed { own } else { summary_bit(part) };
             next += usize::from(is_mixed);
-            *voxel = [firsts[i], seconds[i], parts[i], summary];
+            let own = if Coded::has_curtains(parts[i]) { at.next() } else { None };
+            // The summary of a voxel with curtains is with these.
+            let last = own.map_or(summary, |at| {
+                curtains[*at as usize] = summary;
+                *at
+            });
+            *voxel = [firsts[i], seconds[i], parts[i], last];
         }
     } else {
         for (i, voxel) in own.as_chunks_mut::<SHORT_VOXEL>().0.iter_mut().enumerate() {
@@ -255,7 +303,9 @@ fn read_voxels<'a>(reader: &mut Reader<'a>, valid: &[u8], count: usize) -> Check
             side[word] = *bits;
         }
     }
-    Ok(Voxels { header: [count as u32 | six_sided << 16, size as u32, part], words, slabs, first_planes })
+    let header = [count as u32 | six_sided << 16, size as u32 | (curtains.len() as u32) << 16, part];
+    words.append(&mut curtains);
+    Ok(Voxels { header, words, slabs, first_planes })
 }
 
 /// A permutation that moves the bytes of a node's children to their slots.

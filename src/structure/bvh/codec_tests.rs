@@ -145,7 +145,7 @@ fn block(seed: u64, holds: Holds) -> Option<(Vec<u32>, Option<Vec<u32>>)> {
     let parts_at = externals_at + externals * EXTERNAL_WORDS;
     let (own_triangles, own_parts) = if holds == Holds::All { (triangles, parts) } else { (0, 0) };
     let size = if random.below(2) == 0 { SHORT_VOXEL } else { LONG_VOXEL };
-    let (mut firsts, mut voxels, mut sides) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut firsts, mut voxels, mut sides, mut curtains) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     for children in &nodes {
         firsts.push((voxels.len() / size) as u32);
         // Some nodes have voxels that transmit rays, others have none.
@@ -159,11 +159,23 @@ fn block(seed: u64, holds: Holds) -> Option<(Vec<u32>, Option<Vec<u32>>)> {
             }
             if size == LONG_VOXEL {
                 let (part, is_mixed) = (random.below(70) as u32, random.below(2) == 1);
-                voxels.extend(if is_mixed { [part | 1 << 31, random.word()] } else { [part, 1 << (part % 32)] });
+                let [mut part, mut last] =
+                    if is_mixed { [part | 1 << 31, random.word()] } else { [part, 1 << (part % 32)] };
+                if random.below(3) == 0 {
+                    let at = curtains.len() as u32;
+                    curtains.extend([last, random.word()]);
+                    let count = 1 + random.below(3);
+                    for i in 1..=count {
+                        let first = random.word() & !(3 << 30 | 1 << 13) | u32::from(i == count) << 31;
+                        curtains.extend([first, random.word(), random.word()]);
+                    }
+                    (part, last) = (part | 1 << 30, at);
+                }
+                voxels.extend([part, last]);
             }
         }
     }
-    let leaves_at = parts_at + own_parts + firsts.len() + voxels.len() + sides.len();
+    let leaves_at = parts_at + own_parts + firsts.len() + voxels.len() + sides.len() + curtains.len();
     let begin = if holds == Holds::All { leaves_at } else { HEADER_WORDS + parts };
     if leaves_at.max(begin + leaf_words.len()) + PAD_WORDS > MAX_WORDS {
         return None;
@@ -212,14 +224,14 @@ fn block(seed: u64, holds: Holds) -> Option<(Vec<u32>, Option<Vec<u32>>)> {
     words.extend([externals_at as u32, parts_at as u32, (parts_at + own_parts) as u32]);
     words.extend([
         (voxels.len() / size) as u32 | ((sides.len() / SIDES_WORDS) as u32) << 16,
-        size as u32,
+        size as u32 | (curtains.len() as u32) << 16,
         random.word(),
     ]);
     words.resize(HEADER_WORDS, 0);
     words.extend_from_slice(bytemuck::cast_slice(&table));
     words.extend(places.as_flattened());
     words.extend((0..own_parts).map(|part| 3 * part as u32));
-    [firsts, voxels, sides].iter().for_each(|run| words.extend(run));
+    [firsts, voxels, sides, curtains].iter().for_each(|run| words.extend(run));
     put_transmitting(&mut words);
     if holds == Holds::All {
         words.extend(leaf_words);

@@ -10,7 +10,7 @@
 //! | 2, 3 | first words of the external references and of the parts |
 //! | 4 | first word of the list of the nodes' first voxels |
 //! | 5 | voxels (u16), voxels of six sides (u16) |
-//! | 6 | words of a voxel: 2, or 4 with its parts |
+//! | 6 | words of a voxel: 2, or 4 with its parts (u16); words of the curtains (u16) |
 //! | 7 | with 2: the local part of all voxels; else 0 |
 //! | 8 to 15 | a bit for each pair of nodes: stand-ins of their children may transmit rays (`lod::stopped`) |
 //! | 16 .. | nodes, [`NODE_WORDS`] each; node 0 first, children after their parents |
@@ -19,11 +19,13 @@
 //! | .. | for each node the number of its first voxel |
 //! | .. | voxels (`lod::Coded`): one for each child of each node, in order |
 //! | .. | the samples of the voxels of six sides, [`SIDES_WORDS`] each |
+//! | .. | the curtains: for each voxel that has some its summary, that of the parts that they show, and the curtains |
 //! | .. | leaves, unless they are in a block of their own |
 //! | last [`PAD_WORDS`] | zero, so that a vector load at the end of a leaf stays inside |
 //!
 //! Word 1 of a voxel of six sides is its number among such voxels. For nodes without a bit in words 8 to 15 the
-//! coverage test reads no voxels.
+//! coverage test reads no voxels. The last word of a voxel with curtains is the position of its summary, counted from
+//! the first word of all curtains.
 //!
 //! The leaves below the nodes of a fine block are in another block, its **leaf block**, which has no nodes: a picture
 //! of stand-ins needs no triangles. A reference to a leaf then counts words in the leaf block. The tree determines the
@@ -38,7 +40,8 @@
 
 use super::leaf::Leaf;
 use crate::lod::{
-    self, Coded, LEVEL, Middle, OrientedSlabs, SIDES_WORDS, TRANSMITTING_LEVEL, VOXEL_WORDS, stopped, summary_bit,
+    self, CURTAIN_WORDS, Coded, Curtain, LEVEL, Middle, OrientedSlabs, SIDES_WORDS, TRANSMITTING_LEVEL, VOXEL_WORDS,
+    curtain_from, stopped, summary_bit,
 };
 use crate::math::Bounds;
 use bytemuck::{Pod, Zeroable, must_cast_ref};
@@ -221,6 +224,11 @@ impl Node {
         self.slabs[slot] |= level << LEVEL.0;
     }
 
+    /// Sets the level of a child to 0: its cell then counts with all of its area where it may stand in.
+    pub fn clear_level(&mut self, slot: usize) {
+        self.slabs[slot] &= !(3 << LEVEL.0);
+    }
+
     /// Marks a child that may transmit rays: its level becomes at most [`TRANSMITTING_LEVEL`]. For children of greater
     /// levels walks need not read the voxel's stop code.
     pub fn set_transmitting(&mut self, slot: usize) {
@@ -371,7 +379,19 @@ impl<'a> Block<'a> {
 
     /// First word of the leaves.
     pub fn first_leaf(&self) -> usize {
+        self.curtains_at() + self.words_of_curtains()
+    }
+
+    /// First word of the curtains.
+    #[inline]
+    pub(super) fn curtains_at(&self) -> usize {
         self.sides_at() + self.six_sided() * SIDES_WORDS
+    }
+
+    /// Words of all curtains.
+    #[inline]
+    pub fn words_of_curtains(&self) -> usize {
+        (self.words[6] >> 16) as usize
     }
 
     /// Number of voxels.
@@ -387,7 +407,7 @@ impl<'a> Block<'a> {
     /// Words of a voxel.
     #[inline]
     pub fn voxel_words(&self) -> usize {
-        self.words[6] as usize
+        (self.words[6] & 0xffff) as usize
     }
 
     /// First word of the voxels.
@@ -407,6 +427,12 @@ impl<'a> Block<'a> {
     pub fn voxel_at(&self, index: usize) -> &'a [u32] {
         let at = self.voxels_at() + index * self.voxel_words();
         &self.words[at..at + self.voxel_words()]
+    }
+
+    /// The voxels of all children, in order.
+    pub fn all_voxels(&self) -> impl Iterator<Item = StoredVoxel<'a>> + use<'a> {
+        let block = *self;
+        (0..block.voxels()).map(move |i| StoredVoxel { words: block.voxel_at(i), block })
     }
 
     /// The voxel of the child in `slot` of node `index`.
@@ -473,7 +499,7 @@ pub struct StoredVoxel<'a> {
     block: Block<'a>,
 }
 
-impl StoredVoxel<'_> {
+impl<'a> StoredVoxel<'a> {
     /// The words of the voxel, without those of its sides.
     #[inline]
     pub fn words(&self) -> &[u32] {
@@ -519,7 +545,39 @@ impl StoredVoxel<'_> {
 
     /// The bits of all parts in the voxel, see [`summary_bit`].
     pub fn summary(&self) -> u32 {
-        self.words.get(3).copied().unwrap_or_else(|| summary_bit(self.block.words[7]))
+        match self.curtains_at() {
+            Some(at) => self.block.words[at],
+            None => self.words.get(3).copied().unwrap_or_else(|| summary_bit(self.block.words[7])),
+        }
+    }
+
+    /// First word of the voxel's summary and curtains, if it has curtains.
+    #[inline]
+    fn curtains_at(&self) -> Option<usize> {
+        let has_some = self.words.get(2).is_some_and(|word| Coded::has_curtains(*word));
+        has_some.then(|| self.block.curtains_at() + self.words[3] as usize)
+    }
+
+    /// The bits of all parts that the voxel's curtains show, if it has curtains.
+    pub fn shown(&self) -> Option<u32> {
+        self.curtains_at().map(|at| self.block.words[at + 1])
+    }
+
+    /// The words of the voxel's curtains.
+    pub fn curtains(&self) -> impl Iterator<Item = [u32; CURTAIN_WORDS]> + use<'a> {
+        let (words, mut at) = (self.block.words, self.curtains_at().map(|at| at + 2));
+        std::iter::from_fn(move || {
+            let [a, b, c] = *words[at?..].first_chunk()?;
+            at = if Curtain::is_last(a) { None } else { at.map(|at| at + CURTAIN_WORDS) };
+            Some([a, b, c])
+        })
+    }
+
+    /// The words of the sample that the voxel shows to an eye in direction `to_eye`, a unit vector, and its part, if a
+    /// curtain hides the cell from there.
+    #[inline]
+    pub fn curtain(&self, to_eye: Vec3) -> Option<([u32; 2], u32)> {
+        self.curtains().find(|words| curtain_from(words[0], to_eye)).map(Curtain::shown)
     }
 }
 

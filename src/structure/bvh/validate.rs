@@ -10,7 +10,7 @@ use super::layout::{
     NODE_WORDS, Node, PAD_WORDS, SHORT_VOXEL, WIDTH,
 };
 use super::leaf::{APART, MIXED, NEAR};
-use crate::lod::Coded;
+use crate::lod::{CURTAIN_WORDS, Coded, Curtain};
 
 /// Checks the words of a geometry block at `place`. Fails with the fault.
 pub fn validate(words: &[u32], place: Place) -> Result<(), String> {
@@ -41,7 +41,9 @@ fn check_header(words: &[u32]) -> Result<(), String> {
     let firsts_at = parts_at + block.parts();
     let tables = [words[2], words[3], words[4]] == [externals_at as u32, parts_at as u32, firsts_at as u32];
     ensure(tables, "the positions of the tables do not match the counts")?;
-    ensure([SHORT_VOXEL as u32, LONG_VOXEL as u32].contains(&words[6]), "the voxels have an invalid size")?;
+    ensure([SHORT_VOXEL, LONG_VOXEL].contains(&block.voxel_words()), "the voxels have an invalid size")?;
+    let may_have_curtains = block.voxel_words() == LONG_VOXEL || block.words_of_curtains() == 0;
+    ensure(may_have_curtains, "voxels without parts have curtains")?;
     ensure(block.first_leaf() + PAD_WORDS <= words.len(), "the tables do not fit into the block")?;
     ensure(words[words.len() - PAD_WORDS..].iter().all(|w| *w == 0), "the padding at the end is not zero")
 }
@@ -84,7 +86,29 @@ fn check_voxels(block: &Block) -> Result<(), String> {
         ensure(voxel[1] as usize == sides, "the number of a voxel with six samples is wrong")?;
         sides += 1;
     }
-    ensure(sides == block.six_sided(), "the number of voxels with six samples is wrong")
+    ensure(sides == block.six_sided(), "the number of voxels with six samples is wrong")?;
+    check_curtains(block)
+}
+
+/// Checks that the curtains of voxels follow one another, and that those of each voxel end.
+fn check_curtains(block: &Block) -> Result<(), String> {
+    let (words, first, all) = (block.words(), block.curtains_at(), block.words_of_curtains());
+    let mut at = 0;
+    let with_some = (0..block.voxels()).map(|v| block.voxel_at(v));
+    for voxel in with_some.filter(|v| v.len() == LONG_VOXEL && Coded::has_curtains(v[2])) {
+        ensure(voxel[3] as usize == at, "the position of the curtains of a voxel is wrong")?;
+        at += 2;
+        loop {
+            at += CURTAIN_WORDS;
+            ensure(at <= all, "the curtains of a voxel have no end")?;
+            let head = words[first + at - CURTAIN_WORDS];
+            ensure(Curtain::is_sound(head), "a curtain has unknown directions")?;
+            if Curtain::is_last(head) {
+                break;
+            }
+        }
+    }
+    ensure(at == all, "the number of words of curtains is wrong")
 }
 
 /// Checks the leaves. Returns the first word of each leaf, ascending.
@@ -207,7 +231,7 @@ mod tests {
     #[test]
     fn each_damage_is_found() {
         let nan = f32::NAN.to_bits();
-        let damages: [(usize, u32, &str); 30] = [
+        let damages: [(usize, u32, &str); 31] = [
             (0, 0, "no nodes"),
             (0, 2 | 1 << 16, "two nodes"),
             (1, 2 | 1 << 16, "two triangles"),
@@ -217,6 +241,7 @@ mod tests {
             (5, 3, "one voxel too many"),
             (5, 2 | 1 << 16, "a voxel with six samples in the counts only"),
             (6, 3, "an invalid voxel size"),
+            (6, 2 | 5 << 16, "curtains of voxels without parts"),
             (9, 1, "a transmitting mark of a node that does not exist"),
             (15, 1 << 31, "the last transmitting mark, of a node that does not exist"),
             (8, 1, "a transmitting mark of a node that stops all rays"),

@@ -39,7 +39,7 @@ use super::rng::Rng;
 use super::{GenerateOptions, Target};
 use crate::base::error::{Error, Result};
 use crate::base::progress::Cancel;
-use crate::import::UpAxis;
+use crate::import::{PartDesc, UpAxis};
 use glam::{DAffine3, DMat3, DVec3};
 use plan::{Look, MATERIALS, Plan};
 use rayon::prelude::*;
@@ -54,11 +54,13 @@ const RUNS: usize = 64;
 pub(super) fn generate(options: &GenerateOptions, cancel: &Cancel, target: &mut dyn Target) -> Result<()> {
     let plan = fitting(options.triangles)?;
     target.units(Some(1.0), UpAxis::Z)?;
-    for row in &MATERIALS {
-        target.material(Look::desc(row), row.4)?;
-    }
+    let materials: Result<Vec<_>> = MATERIALS.iter().map(|row| target.material(Look::desc(row), row.4)).collect();
+    let materials = materials?;
+    let mut parts = Vec::with_capacity(plan.parts.len());
     for part in &plan.parts {
-        target.part(part.clone())?;
+        let material = part.material.map(|material| materials[material as usize]);
+        let parent = part.parent.map(|parent| parts[parent as usize]);
+        parts.push(target.part(PartDesc { parent, material, ..part.clone() })?);
     }
     let world = attitude();
     let runs = runs(&plan);
@@ -66,7 +68,7 @@ pub(super) fn generate(options: &GenerateOptions, cancel: &Cancel, target: &mut 
         cancel.check()?;
         let made: Vec<_> = some.par_iter().map(|r| make(&plan, r, options.seed, &world)).collect();
         for (run, triangles) in some.iter().zip(made) {
-            target.soup(plan.families[run.family].part, &triangles)?;
+            target.soup(parts[plan.families[run.family].part as usize], &triangles)?;
         }
     }
     Ok(())

@@ -134,7 +134,7 @@ fn mark_with(
     Ok(())
 }
 
-fn inners(pieces: &[Piece]) -> impl Iterator<Item = &InnerNode> {
+pub(super) fn inners(pieces: &[Piece]) -> impl Iterator<Item = &InnerNode> {
     pieces.iter().filter_map(|p| if let Sub::InnerNode(inner) = &p.sub { Some(&**inner) } else { None })
 }
 
@@ -535,7 +535,7 @@ impl<'a> Scene<'a> {
 
 /// Pushes the children with boxes that a line crosses.
 #[inline(always)]
-fn push_crossed<'a, S: Simd>(s: S, line: &Line, inner: &'a InnerNode, stack: &mut Vec<&'a Sub>) {
+pub(super) fn push_crossed<'a, S: Simd>(s: S, line: &Line, inner: &'a InnerNode, stack: &mut Vec<&'a Sub>) {
     let mut met = line.boxes(s, &inner.node);
     while met != 0 {
         let slot = met.trailing_zeros() as usize;

@@ -43,6 +43,8 @@ struct Encoder<'a> {
     firsts: Vec<u32>,
     voxels: Vec<[u32; LONG_VOXEL]>,
     sides: Vec<[u32; SIDES_WORDS]>,
+    /// Summaries and curtains of the voxels that have curtains.
+    curtains: Vec<u32>,
     leaves: Vec<u32>,
     leaves_at: usize,
     externals_at: usize,
@@ -63,6 +65,7 @@ pub fn encode(plan: &Plan, first_block: u32, input: TreeInput, refs: &[Ref]) -> 
         firsts: Vec::new(),
         voxels: Vec::new(),
         sides: Vec::new(),
+        curtains: Vec::new(),
         leaves: Vec::new(),
         leaves_at: 0,
         externals_at: 0,
@@ -81,7 +84,7 @@ pub fn encode(plan: &Plan, first_block: u32, input: TreeInput, refs: &[Ref]) -> 
     let own_parts: &[u32] = if plan.has_leaf_block { &[] } else { &plan.parts };
     let firsts_at = parts_at + own_parts.len();
     let sides_at = firsts_at + encoder.firsts.len() + encoder.voxels.len() * voxel_words;
-    let leaves_at = sides_at + encoder.sides.len() * SIDES_WORDS;
+    let leaves_at = sides_at + encoder.sides.len() * SIDES_WORDS + encoder.curtains.len();
     encoder.externals_at = externals_at;
     encoder.leaves_at = if plan.has_leaf_block { HEADER_WORDS + plan.parts.len() } else { leaves_at };
     for root in &plan.roots {
@@ -95,7 +98,7 @@ pub fn encode(plan: &Plan, first_block: u32, input: TreeInput, refs: &[Ref]) -> 
         parts_at as u32,
         firsts_at as u32,
         encoder.voxels.len() as u32 | (encoder.sides.len() as u32) << 16,
-        voxel_words as u32,
+        voxel_words as u32 | (encoder.curtains.len() as u32) << 16,
         one_part.unwrap_or(0),
     ];
     words.resize(HEADER_WORDS, 0);
@@ -108,6 +111,7 @@ pub fn encode(plan: &Plan, first_block: u32, input: TreeInput, refs: &[Ref]) -> 
     words.extend(&encoder.firsts);
     words.extend(encoder.voxels.iter().flat_map(|v| &v[..voxel_words]));
     words.extend(encoder.sides.as_flattened());
+    words.extend(&encoder.curtains);
     put_transmitting(&mut words);
     let Encoder { leaves, prims, colours, normals, .. } = encoder;
     let normals = normals.words();
@@ -140,10 +144,15 @@ impl Encoder<'_> {
     fn voxels_of(&mut self, inner: &InnerNode) {
         self.firsts.push(self.voxels.len() as u32);
         for (voxel, _) in &inner.children {
-            let Coded { mut words, sides, .. } = voxel.clone();
+            let Coded { mut words, sides, curtains, .. } = voxel.clone();
             if let Some(sides) = sides {
                 words[1] = self.sides.len() as u32;
                 self.sides.push(*sides);
+            }
+            if !curtains.is_empty() {
+                let summary = std::mem::replace(&mut words[3], self.curtains.len() as u32);
+                self.curtains.push(summary);
+                self.curtains.extend(curtains);
             }
             self.voxels.push(words);
         }
@@ -156,8 +165,9 @@ impl Encoder<'_> {
 
     /// Returns the part of all voxels, if each has only this one.
     fn one_part(&self) -> Option<u32> {
-        let (first, mixed) = Coded::part(self.voxels.first()?[2]);
-        (!mixed && self.voxels.iter().all(|v| v[2] == first)).then_some(first)
+        let first = self.voxels.first()?[2];
+        let is_plain = !Coded::part(first).1 && !Coded::has_curtains(first);
+        (is_plain && self.voxels.iter().all(|v| v[2] == first)).then_some(first)
     }
 
     /// Adds a node and all nodes below it in its block; returns its index.

@@ -41,6 +41,20 @@ const LEAST: f32 = 1.0 / 16384.0;
 
 type Row = [f32; GROUP];
 
+/// The nearest and the farthest of the triangles that each line hits: distance and number.
+pub struct Ends([[[(f32, u32); 2]; GROUP]; GROUPS]);
+
+impl Ends {
+    /// No hits.
+    pub const NONE: Self = Self([[[(f32::INFINITY, u32::MAX), (f32::NEG_INFINITY, u32::MAX)]; GROUP]; GROUPS]);
+
+    /// The numbers of the nearest and farthest triangle of line `i`, if it hits any.
+    pub fn of(&self, i: usize) -> Option<[u32; 2]> {
+        let [first, last] = self.0[i / GROUP][i % GROUP];
+        (first.1 != u32::MAX).then_some([first.1, last.1])
+    }
+}
+
 /// A set of lines: a bit for each line of each group.
 pub type Set = [u8; GROUPS];
 /// The empty set.
@@ -62,7 +76,7 @@ pub struct Lines {
 
 /// The region of a cell.
 pub struct Region {
-    bounds: Bounds,
+    pub bounds: Bounds,
     slabs: OrientedSlabs<f32>,
     /// Unit normal of the first slab.
     across: Vec3,
@@ -157,6 +171,20 @@ impl Region {
         Self { bounds, slabs, across, oriented, least, size, turns }
     }
 
+    /// True if a box may have points in the region.
+    #[inline(always)]
+    pub fn may_hold(&self, low: Vec3, high: Vec3) -> bool {
+        if low.cmpgt(self.bounds.max).any() || high.cmplt(self.bounds.min).any() {
+            return false;
+        }
+        let (middle, half) = ((low + high) * 0.5, (high - low) * 0.5);
+        self.slabs.iter().all(|slab| {
+            let axis = Vec3::from(slab.axis);
+            let (at, reach) = (middle.dot(axis), half.dot(axis.abs()));
+            at - reach <= slab.high && at + reach >= slab.low
+        })
+    }
+
     /// Later lines continue with the numbers after those of all groups.
     pub fn go_on(&mut self) {
         for k in 0..5 {
@@ -246,6 +274,18 @@ impl Lines {
             dir[1][i] = across * cos_of_turns(quarter);
             dir[2][i] = height;
         }
+        let [near, far] = self.clip(s, region, group);
+        self.weight[group] = s.splat8(1.0).div((far - near).max(s.splat8(region.least))).to_array();
+        // A line is valid only if its point is in the region.
+        let zero = s.splat8(0.0);
+        self.all[group] = (near.le(zero).and(zero.le(far)).bits() & !far.le(near).bits()) as u8;
+    }
+
+    /// Clips the lines of a group to the region. Returns the distances at which they enter and leave it, and sets their
+    /// intervals.
+    #[inline(always)]
+    fn clip<S: Simd>(&mut self, s: S, region: &Region, group: usize) -> [S::F8; 2] {
+        let (org, dir) = (&self.org[group], &self.dir[group]);
         let (mut near, mut far) = (s.splat8(f32::NEG_INFINITY), s.splat8(f32::INFINITY));
         let mut inv = [0.0; GROUP];
         for axis in 0..3 {
@@ -271,10 +311,7 @@ impl Lines {
         }
         let rounded = s.splat8(region.size * ROUNDED);
         self.way[group] = [(near - rounded).to_array(), (far + rounded).to_array()];
-        self.weight[group] = s.splat8(1.0).div((far - near).max(s.splat8(region.least))).to_array();
-        // A line is valid only if its point is in the region.
-        let zero = s.splat8(0.0);
-        self.all[group] = (near.le(zero).and(zero.le(far)).bits() & !far.le(near).bits()) as u8;
+        [near, far]
     }
 
     /// Gives all lines the same weight. (They are then not uniform over the lines that cross the region, but none
@@ -314,31 +351,70 @@ impl Lines {
         let mut left = 0;
         for group in 0..self.groups {
             if set[group] != 0 {
-                set[group] &= !self.met(s, group, 0.0, triangle);
+                set[group] &= !self.met(s, group, 0.0, triangle).0;
                 left |= set[group];
             }
         }
         left != 0
     }
 
-    /// Returns the lines of a group that hit a triangle within their intervals, each lengthened by `near` at both ends.
+    /// Returns the lines of a group that hit a triangle within their intervals, each lengthened by `near` at both ends,
+    /// and the distances.
     /// (Möller and Trumbore, "Fast, Minimum Storage Ray/Triangle Intersection", 1997.)
     #[inline(always)]
-    fn met<S: Simd>(&self, s: S, group: usize, near: f32, triangle: &[Vec3; 3]) -> u8 {
+    fn met<S: Simd>(&self, s: S, group: usize, near: f32, triangle: &[Vec3; 3]) -> (u8, S::F8) {
         let [a, b, c] = triangle;
         let corner = splat3(s, *a);
         let (ab, ac) = (splat3(s, *b - *a), splat3(s, *c - *a));
-        let (zero, one, near) = (s.splat8(0.0), s.splat8(1.0), s.splat8(near));
+        let (zero, near) = (s.splat8(0.0), s.splat8(near));
         let (org, dir, way) = (&self.org[group], &self.dir[group], &self.way[group]);
         let dir = [s.load8(&dir[0]), s.load8(&dir[1]), s.load8(&dir[2])];
         let from = [s.load8(&org[0]) - corner[0], s.load8(&org[1]) - corner[1], s.load8(&org[2]) - corner[2]];
-        let p = cross(dir, ac);
-        let q = cross(from, ab);
-        let inv = one.div(dot(ab, p));
-        let (u, v, t) = (dot(from, p) * inv, dot(dir, q) * inv, dot(ac, q) * inv);
-        let inside = zero.le(u).and(zero.le(v)).and((u + v).le(one));
+        let (p, q) = (cross(dir, ac), cross(from, ab));
+        // The test without a division: most triangles are missed.
+        let det = dot(ab, p);
+        let size = det.max(zero - det);
+        let turned = |x: S::F8| (zero - x).select(det.le(zero), x);
+        let (u, v) = (turned(dot(from, p)), turned(dot(dir, q)));
+        let inside = zero.le(u).and(zero.le(v)).and((u + v).le(size));
+        if inside.bits() == 0 {
+            return (0, zero);
+        }
+        let t = dot(ac, q) * s.splat8(1.0).div(det);
         let met = inside.and((s.load8(&way[0]) - near).le(t)).and(t.le(s.load8(&way[1]) + near));
-        met.bits() as u8
+        (met.bits() as u8, t)
+    }
+
+    /// Keeps `id` for the lines that hit a triangle before, or beyond, all that they hit so far.
+    #[inline(always)]
+    pub fn keep_ends<S: Simd>(&self, s: S, triangle: &[Vec3; 3], id: u32, ends: &mut Ends) {
+        for group in 0..self.groups {
+            let (met, t) = self.met(s, group, 0.0, triangle);
+            let mut met = met & self.all[group];
+            if met == 0 {
+                continue;
+            }
+            let t = t.to_array();
+            while met != 0 {
+                let i = met.trailing_zeros() as usize & (GROUP - 1);
+                met &= met - 1;
+                let [first, last] = &mut ends.0[group][i];
+                // The lower number wins at equal distances: the order of triangles does not matter.
+                if t[i] < first.0 || t[i] == first.0 && id < first.1 {
+                    *first = (t[i], id);
+                }
+                if t[i] > last.0 || t[i] == last.0 && id < last.1 {
+                    *last = (t[i], id);
+                }
+            }
+        }
+    }
+
+    /// Returns the direction and the weight of line `i`.
+    pub fn direction(&self, i: usize) -> (Vec3, f32) {
+        let (group, i) = (i / GROUP, i % GROUP);
+        let dir = &self.dir[group];
+        (Vec3::new(dir[0][i], dir[1][i], dir[2][i]), self.weight[group][i])
     }
 
     /// Returns line `i` as a single line, its interval lengthened by `near` at both ends.
@@ -395,10 +471,23 @@ impl Line<'_> {
         enter <= leave + (enter.abs() + leave.abs()) * 1e-5
     }
 
+    /// Returns the distance at which the line hits a triangle within its interval.
+    #[inline(always)]
+    pub fn distance<S: Simd>(&self, s: S, triangle: &[Vec3; 3]) -> Option<f32> {
+        let (met, t) = self.lines.met(s, self.group, self.near, triangle);
+        let t = t.to_array()[self.bit.trailing_zeros() as usize & (GROUP - 1)];
+        (met & self.bit != 0 && t >= self.way[0] && t <= self.way[1]).then_some(t)
+    }
+
+    /// Shortens the interval: it then begins at `t`, or ends there.
+    pub fn shorten(&mut self, t: f32, begins: bool) {
+        self.way[usize::from(!begins)] = t;
+    }
+
     /// True if the line hits a triangle within its interval.
     #[inline(always)]
     pub fn meets<S: Simd>(&self, s: S, triangle: &[Vec3; 3]) -> bool {
-        self.lines.met(s, self.group, self.near, triangle) & self.bit != 0
+        self.lines.met(s, self.group, self.near, triangle).0 & self.bit != 0
     }
 }
 

@@ -22,6 +22,7 @@ mod coverage;
 mod quantise;
 mod refs;
 mod sah;
+mod seen;
 mod small;
 mod spatial;
 mod sweep;
@@ -70,7 +71,8 @@ impl<'a> Chunk<'a> {
     ) -> Result<BuiltChunk<Chunk<'a>, Top>> {
         let mut refs = refs::make(input.triangles, options.split_budget, par)?;
         stretch.check()?;
-        let (tree, marks) = (stretch.part(0.0, 0.5, input.triangles.len() as u64), stretch.part(0.5, 1.0, 1));
+        let tree = stretch.part(0.0, 0.5, input.triangles.len() as u64);
+        let (marks, looks) = (stretch.part(0.5, 0.85, 1), stretch.part(0.85, 1.0, 1));
         let tree::Built { children, bounds, counts } =
             tree::build(input, &mut refs, options.mesh_half_area, par, &tree)?;
         let done = |plans, top, refs| BuiltChunk { chunk: Chunk { input, refs, plans }, top, bounds, counts };
@@ -81,6 +83,7 @@ impl<'a> Chunk<'a> {
         if is_whole || pieces.iter().any(|p| matches!(p.sub, Sub::Leaf { .. })) {
             let mut root = [InnerNode::over(pieces, Place::Above)];
             coverage::mark(&mut root, input, &refs, Isa::best(), par, &marks)?;
+            seen::sample(&mut root, input, &refs, Isa::best(), par, &looks)?;
             let [Piece { cell, voxel, content, sub, place }] = root;
             let sub = match sub {
                 Sub::InnerNode(root) if is_whole => match cluster::whole(root, input, &refs) {
@@ -93,6 +96,7 @@ impl<'a> Chunk<'a> {
             below = counts;
         } else {
             coverage::mark(&mut pieces, input, &refs, Isa::best(), par, &marks)?;
+            seen::sample(&mut pieces, input, &refs, Isa::best(), par, &looks)?;
         }
         let (plans, units) = cluster::fine(pieces.iter_mut().map(|p| &mut p.sub), input, &refs, par);
         let top = Top { pieces, units, fine_blocks: plans.len() as u32, counts: below };

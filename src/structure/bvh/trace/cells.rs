@@ -17,19 +17,19 @@ impl<'a> TreeView<'a> {
     /// block has left the snapshot: their columns are undefined.
     ///
     /// `dir` returns the direction of a ray in the tree's frame. With `is_whole` the boxes and levels of all cells are
-    /// filled in.
+    /// filled in. Curtains that may show a part with a bit in `unseen` are left out.
     #[inline(always)]
     pub fn cells<const N: usize>(
         &self,
         rays: u32,
         hit: impl Fn(usize) -> TriHit,
         dir: impl Fn(usize) -> DVec3,
-        is_whole: bool,
+        (is_whole, unseen): (bool, u32),
         out: &mut Cells<N>,
     ) -> u32 {
         let mut at: [Option<(StoredVoxel, &Node, usize)>; N] = [None; N];
         let mut gone = 0;
-        (out.missing, out.inside, out.have_three, out.coloured) = (0, 0, 0, 0);
+        (out.missing, out.inside, out.have_three, out.coloured, out.curtained) = (0, 0, 0, 0, 0);
         for i in bits(rays) {
             let hit = hit(i);
             at[i] = self.cell_at(&hit);
@@ -60,12 +60,26 @@ impl<'a> TreeView<'a> {
                     out.bounds[row][i] = node.stored_plane(row, *slot);
                 }
             }
+            if voxel.shown().is_some_and(|shown| shown & unseen == 0) {
+                out.curtained |= 1 << i;
+            }
             if has_sides {
                 let sides = voxel.sides();
                 prefetch(sides.as_ptr());
                 prefetch(&sides[sides.len() - 1]);
             }
         }
+        for i in bits(out.curtained) {
+            let Some((voxel, ..)) = &at[i] else { continue };
+            let to_eye = -dir(i).as_vec3().normalize_or_zero();
+            let Some(([first, second], part)) = voxel.curtain(to_eye) else {
+                out.curtained &= !(1 << i);
+                continue;
+            };
+            (out.firsts[0][i], out.seconds[0][i], out.part[i]) = (first, second, part);
+            out.coloured |= 1 << i;
+        }
+        out.have_three &= !out.curtained;
         for i in bits(out.have_three) {
             let Some((voxel, ..)) = &at[i] else { continue };
             let (firsts, seconds) = three(voxel, dir(i));

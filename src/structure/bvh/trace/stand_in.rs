@@ -162,9 +162,10 @@ impl<'a> TreeView<'a> {
     pub fn parts_in_cell(&self, hit: &TriHit) -> Option<CellParts> {
         let block = Block::new(self.snapshot.block(crate::base::ids::BlockId(hit.block))?);
         let (index, slot) = place_of(hit.stand_in()?);
-        let (part, is_mixed) = block.voxel(index, slot).part();
-        let here = Here { block, id: hit.block, index };
-        Some(CellParts { part, is_mixed, summary: block.voxel(index, slot).summary(), listed_by: lister(here, slot) })
+        let voxel = block.voxel(index, slot);
+        let (part, is_mixed) = voxel.part();
+        let listed_by = lister(Here { block, id: hit.block, index }, slot);
+        Some(CellParts { part, is_mixed, summary: voxel.summary(), listed_by, shown: voxel.shown().unwrap_or(0) })
     }
 
     /// Returns the id of the missing block that the stand-in of `hit` replaces, if there is one.
