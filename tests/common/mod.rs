@@ -14,6 +14,7 @@
 //! | [`rounding`] | how far single precision may move things: the bounds, derived, not tuned |
 //! | [`errors`] | what agreeing means: ties, grazing, distance, normal, part; and a summary that asserts |
 //! | [`picture`] | errors between two pictures, each with its formula |
+//! | [`foreign`] | how much a picture shows of parts and colours that the exact one hides |
 //! | [`perceived`] | how much two pictures differ to the eye: FLIP and SSIM |
 //! | [`popping`] | what changes from frame to frame although the model does not |
 //! | [`promise`] | whether some surface lies within a hit's error |
@@ -36,6 +37,7 @@ pub mod bvh64;
 pub mod changed;
 pub mod closed;
 pub mod errors;
+pub mod foreign;
 pub mod frames;
 pub mod light;
 pub mod models;
