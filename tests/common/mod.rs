@@ -21,6 +21,7 @@
 //! | [`asked`] | plain rays of the world around something, and a scene's answers |
 //! | [`rays`] | seeded rays of every awkward kind |
 //! | [`models`], [`scenes`] | the models folder and the five test models as triangle lists |
+//! | [`ribs`] | a skin over ribs, flat and as a tube |
 //! | [`changed`] | generated models with changes on their way to the build |
 //! | [`closed`] | closed models on a grid, and their crossings in integers |
 //! | [`built`], [`stored`] | files under test, built through the public API, and what they store |
@@ -46,6 +47,7 @@ pub mod picture;
 pub mod popping;
 pub mod promise;
 pub mod rays;
+pub mod ribs;
 pub mod rng;
 pub mod rounding;
 pub mod samples;
