@@ -12,6 +12,8 @@ mod awkward;
 mod brightness;
 #[path = "stability/degenerate.rs"]
 mod degenerate;
+#[path = "stability/dense.rs"]
+mod dense;
 #[path = "stability/far.rs"]
 mod far;
 #[path = "stability/hidden.rs"]

@@ -22,6 +22,7 @@
 //! | [`rays`] | seeded rays of every awkward kind |
 //! | [`models`], [`scenes`] | the models folder and the five test models as triangle lists |
 //! | [`ribs`] | a skin over ribs, flat and as a tube |
+//! | [`airliner`] | the generated airliner, whole and a slice of it |
 //! | [`changed`] | generated models with changes on their way to the build |
 //! | [`closed`] | closed models on a grid, and their crossings in integers |
 //! | [`built`], [`stored`] | files under test, built through the public API, and what they store |
@@ -31,6 +32,7 @@
 // Each test binary uses its own share of this folder.
 #![allow(dead_code)]
 
+pub mod airliner;
 pub mod asked;
 pub mod brute;
 pub mod built;

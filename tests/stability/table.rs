@@ -215,7 +215,13 @@ pub const BESIDES: [Row; 4] = [
         fails: "a skin close over ribs, as of aircraft",
         must: "what is hidden stays hidden: foreign parts, coloured skin and white ribs at most 0.6 % at PoE 1 and 3, \
                2 % at 10, 5 % at 30; brightness within 3 % at PoE up to 10",
-        tests: &["hidden::under_a_flat_skin", "hidden::under_a_curved_skin"],
+        tests: &[
+            "hidden::under_a_flat_skin",
+            "hidden::under_a_curved_skin",
+            "dense::of_an_airliner",
+            "dense::of_a_slice_of_an_airliner",
+            "dense::of_a_car",
+        ],
         state: Misses {
             measures: &[
                 Missed {
@@ -238,6 +244,14 @@ pub const BESIDES: [Row; 4] = [
                 Missed { measure: "tube, within: skin tinted", at: &[(30.0, 0.062)] },
                 Missed { measure: "tube, within: ribs faded", at: &[(3.0, 0.0084), (10.0, 0.066), (30.0, 0.11)] },
                 Missed { measure: "tube, within: brightness", at: &[(10.0, 0.052)] },
+                Missed { measure: "airliner, whole: foreign parts", at: &[(3.0, 0.0092), (10.0, 0.068), (30.0, 0.30)] },
+                Missed { measure: "airliner, whole: skin coloured", at: &[(10.0, 0.064), (30.0, 0.22)] },
+                Missed { measure: "airliner, whole: skin tinted", at: &[(3.0, 0.013), (10.0, 0.20), (30.0, 0.50)] },
+                Missed { measure: "slice, outside: foreign parts", at: &[(30.0, 0.11)] },
+                Missed { measure: "slice, outside: skin coloured", at: &[(30.0, 0.11)] },
+                Missed { measure: "slice, outside: skin tinted", at: &[(10.0, 0.042), (30.0, 0.23)] },
+                Missed { measure: "car: foreign parts", at: &[(3.0, 0.023), (10.0, 0.058), (30.0, 0.092)] },
+                Missed { measure: "car: brightness", at: &[(10.0, 0.049)] },
             ],
             why: "ribs that end at the skin share cells with it: a leaf's cell mixes the colours of all its triangles, \
                   and each cell has one part for all its sides",

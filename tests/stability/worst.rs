@@ -109,6 +109,15 @@ impl<'a> Worst<'a> {
         self.at.iter().filter_map(|(poe, of)| Some((*poe, value(of), line(measure, *poe)?))).collect()
     }
 
+    /// Says which lines are missed.
+    pub fn print_missed(&self) {
+        for measure in MEASURES {
+            for (poe, value, line) in self.values(measure).into_iter().filter(|(_, value, line)| value > line) {
+                println!("    MISSED: {}, {measure}, PoE {poe}: {value:.4}, the line is {line}", self.name);
+            }
+        }
+    }
+
     /// Holds some measures to their lines.
     pub fn judge(&self, measures: &[&str]) {
         measures.iter().for_each(|measure| judge(&format!("{}: {measure}", self.name), &self.values(measure)));
