@@ -1,5 +1,6 @@
-//! Errors between pictures are what their formulas say, worked out by hand.
+//! Errors between pictures, and measures of what they show, are what their formulas say, worked out by hand.
 
+use crate::common::foreign::{Share, Shown, chroma, faded, foreign_parts, tinted, turned};
 use crate::common::picture::{
     Colours, Silhouette, Spread, along_rays, coverage_ratio, depth_pixels, depth_relative, luminance, normal_angle,
     radiance_ratio, silhouette, srgb_decode, srgb_encode,
@@ -123,4 +124,68 @@ fn rays_are_off_or_answered_otherwise() {
     // Twice as narrow, two of the three that hit in both are more than a width off.
     let (off, otherwise) = along_rays(&seen, &truth, |i, t| if i == 0 { t } else { 0.125 * t });
     assert_eq!((off.worst, otherwise), (2.0, 0.6));
+}
+
+/// Pixels of parts 1 (white), 2 (red), 3 (half red) and 4 (three tenths red), in their own colours.
+fn shown(parts: &[u64], times: usize, test: impl FnOnce(&Shown)) {
+    let colour = |part: &u64| match part {
+        1 => [0.5, 0.5, 0.5, 1.0],
+        2 => [0.5, 0.0, 0.0, 1.0],
+        3 => [0.5, 0.25, 0.25, 1.0],
+        4 => [0.5, 0.35, 0.35, 1.0],
+        _ => [0.0; 4],
+    };
+    let colours: Vec<f32> = parts.iter().flat_map(colour).collect();
+    test(&Shown { width: 8 * times, times, parts, colours: Colours::Linear(&colours) });
+}
+
+/// A row of a fine picture, each of its pixels nine of it, with one more pixel of a part.
+fn refined(row: [u64; 8], (at, part): ([usize; 2], u64)) -> Vec<u64> {
+    let mut fine: Vec<u64> = (0..3 * 24).map(|i| row[i % 24 / 3]).collect();
+    fine[at[1] * 24 + at[0]] = part;
+    fine
+}
+
+#[test]
+fn what_the_truth_has_nowhere_near_is_foreign() {
+    let none = outcrop::query::NONE;
+    let seen = [1, 2, 1, 2, 1, 3, none, 1];
+    // The truth shows part 2 in its last pixel alone, and part 3 nowhere.
+    let share = |fine: &[u64]| {
+        let mut found = None;
+        shown(&seen, 1, |seen| shown(fine, 3, |truth| found = Some(foreign_parts(seen, truth))));
+        found.expect("a share")
+    };
+    let row = [1, 1, 1, 1, 1, 1, 1, 2];
+    assert_eq!(share(&refined(row, ([0, 0], 1))), Share { count: 3, of: 7 });
+    // A pixel between the rays of the judged picture is enough: at column 11, of the pixel at 3, it is near both.
+    assert_eq!(share(&refined(row, ([11, 2], 2))), Share { count: 1, of: 7 });
+    // Of the pixel at 5 it is 2 from the one at 3, and 4 from the one at 1.
+    assert_eq!(share(&refined(row, ([15, 0], 2))), Share { count: 2, of: 7 });
+}
+
+#[test]
+fn kinds_are_judged_inside_of_them() {
+    let none = outcrop::query::NONE;
+    // White up to column 5; red is near the pixels from 4 on.
+    let truth = refined([1, 1, 1, 1, 1, 1, 2, 2], ([0, 0], 1));
+    shown(&truth, 3, |truth| {
+        let skin = truth.inside(|part| part == 1);
+        assert_eq!(skin, [0, 1, 2, 3]);
+        shown(&[2, 3, none, 1, 2, 2, 2, 2], 1, |seen| {
+            assert_eq!(turned(seen, &skin, |part| part > 1 && part != none), Share { count: 2, of: 4 });
+            assert_eq!(tinted(seen, &skin), Share { count: 2, of: 4 });
+        });
+    });
+    // Part 3 is half as far off grey as part 2, and is near the pixels from 4 on: less is asked of them.
+    let truth = refined([2, 2, 2, 2, 2, 2, 3, 3], ([0, 0], 2));
+    shown(&truth, 3, |truth| {
+        let ribs = truth.inside(|part| part > 1);
+        assert_eq!(ribs.len(), 8);
+        shown(&[1, 2, 3, 4, none, 4, 3, 1], 1, |seen| {
+            assert_eq!(faded(seen, truth, &ribs), Share { count: 3, of: 8 });
+        });
+    });
+    close(chroma([0.2, 0.4, 0.3]), 0.5);
+    assert_eq!((chroma([0.0; 3]), chroma([0.7; 3]), chroma([0.0, 0.1, 0.0])), (0.0, 0.0, 1.0));
 }

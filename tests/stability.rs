@@ -1,7 +1,7 @@
 //! Stability: what must hold where the methods fail (design, section 10), row by row, each as a generated, seeded scene
 //! with a pass line that is a property. Pictures are made at 0, 0.5, 1, 3 and 10 pixels of error, with one thread and
-//! two, on each vector path; where a row is about builds, files or reading, the tests that the table names say what
-//! they vary.
+//! two, on each vector path; where a row is about builds, files, reading, or what is hidden, the tests that the table
+//! names say what they vary.
 //!
 //! [`table`] says which test shows which row, where present parts miss a line, and which rows wait for later parts.
 //! `cargo test --test pictures stability:: -- --nocapture` prints what is measured.
@@ -12,8 +12,12 @@ mod awkward;
 mod brightness;
 #[path = "stability/degenerate.rs"]
 mod degenerate;
+#[path = "stability/dense.rs"]
+mod dense;
 #[path = "stability/far.rs"]
 mod far;
+#[path = "stability/hidden.rs"]
+mod hidden;
 #[path = "stability/normals.rs"]
 mod normals;
 #[path = "stability/pictures.rs"]
@@ -32,5 +36,7 @@ mod table;
 mod thin;
 #[path = "stability/up_to_date.rs"]
 mod up_to_date;
+#[path = "stability/worst.rs"]
+mod worst;
 #[path = "stability/zoom.rs"]
 mod zoom;

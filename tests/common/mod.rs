@@ -14,12 +14,15 @@
 //! | [`rounding`] | how far single precision may move things: the bounds, derived, not tuned |
 //! | [`errors`] | what agreeing means: ties, grazing, distance, normal, part; and a summary that asserts |
 //! | [`picture`] | errors between two pictures, each with its formula |
+//! | [`foreign`] | how much a picture shows of parts and colours that the exact one hides |
 //! | [`perceived`] | how much two pictures differ to the eye: FLIP and SSIM |
 //! | [`popping`] | what changes from frame to frame although the model does not |
 //! | [`promise`] | whether some surface lies within a hit's error |
 //! | [`asked`] | plain rays of the world around something, and a scene's answers |
 //! | [`rays`] | seeded rays of every awkward kind |
 //! | [`models`], [`scenes`] | the models folder and the five test models as triangle lists |
+//! | [`ribs`] | a skin over ribs, flat and as a tube |
+//! | [`airliner`] | the generated airliner, whole and a slice of it |
 //! | [`changed`] | generated models with changes on their way to the build |
 //! | [`closed`] | closed models on a grid, and their crossings in integers |
 //! | [`built`], [`stored`] | files under test, built through the public API, and what they store |
@@ -29,6 +32,7 @@
 // Each test binary uses its own share of this folder.
 #![allow(dead_code)]
 
+pub mod airliner;
 pub mod asked;
 pub mod brute;
 pub mod built;
@@ -36,6 +40,7 @@ pub mod bvh64;
 pub mod changed;
 pub mod closed;
 pub mod errors;
+pub mod foreign;
 pub mod frames;
 pub mod light;
 pub mod models;
@@ -44,6 +49,7 @@ pub mod picture;
 pub mod popping;
 pub mod promise;
 pub mod rays;
+pub mod ribs;
 pub mod rng;
 pub mod rounding;
 pub mod samples;

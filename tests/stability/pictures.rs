@@ -67,7 +67,18 @@ impl Stage {
 
     /// With an instance of the model at each place.
     pub fn placed(path: &Path, places: &[DAffine3], setting: Setting) -> Self {
-        let way = |(threads, isa): (usize, Isa)| {
+        Self::edited(&ways(), path, places, setting, |_| ())
+    }
+
+    /// In some ways, with an instance of the model at each place, numbered from 0, and what `edit` does to the scene.
+    pub fn edited(
+        ways: &[(usize, Isa)],
+        path: &Path,
+        places: &[DAffine3],
+        setting: Setting,
+        edit: impl Fn(&Scene),
+    ) -> Self {
+        let way = |&(threads, isa): &(usize, Isa)| {
             let options = ContextOptions { threads, isa: Some(isa), read_ahead: false, ..Default::default() };
             let context = Context::new(options).expect("a context");
             let model = Model::open(&context, path).expect("a model");
@@ -76,11 +87,17 @@ impl Stage {
             for (id, place) in places.iter().enumerate() {
                 scene.add_instance(&model, id as u64, *place).expect("an instance");
             }
+            edit(&scene);
             scene.commit().expect("a commit");
             let name = format!("{threads} threads, {}", isa.name());
             Way { name, state: scene.state(), frame: frame(&context, setting.size) }
         };
-        Self { ways: ways().into_iter().map(way).collect(), setting }
+        Self { ways: ways.iter().map(way).collect(), setting }
+    }
+
+    /// Width and height of its pictures.
+    pub fn size(&self) -> (u32, u32) {
+        self.setting.size
     }
 
     /// The picture, in all ways.
@@ -97,6 +114,15 @@ impl Stage {
     /// The picture in one way.
     pub fn quick(&self, camera: &Camera, poe: f32) -> Picture {
         self.render(&self.ways[0], camera, poe)
+    }
+
+    /// The exact picture in one way, with `times` pixels for each along each edge.
+    pub fn fine(&self, camera: &Camera, times: u32) -> Picture {
+        let (way, (width, height)) = (&self.ways[0], self.setting.size);
+        way.frame.resize(width * times, height * times).expect("a size");
+        let picture = self.render(way, camera, 0.0);
+        way.frame.resize(width, height).expect("a size");
+        picture
     }
 
     fn render(&self, way: &Way, camera: &Camera, poe: f32) -> Picture {
@@ -143,6 +169,12 @@ impl Picture {
 
     pub fn bytes(&self, buffer: Buffer) -> &[u8] {
         &self.buffers[buffer as usize]
+    }
+
+    /// Of each pixel, the caller's id of the part that it shows; [`outcrop::query::NONE`] of none.
+    pub fn parts(&self) -> Vec<u64> {
+        let id = |bytes: &[u8]| u64::from_ne_bytes(bytes.try_into().expect("8 bytes"));
+        self.bytes(Buffer::Part).chunks_exact(8).map(id).collect()
     }
 
     pub fn colours(&self) -> Colours<'_> {
