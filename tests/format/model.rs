@@ -123,6 +123,7 @@ pub fn sections(file: &ModelFile) -> [(Kind, usize, usize, u64); KINDS.len()] {
         file.instances().len(),
         file.trees().len(),
         ends_of_sets(file).len(),
+        file.proxies().len(),
     ];
     let lists = ends_of_sets(file).last().copied().unwrap_or(0);
     let mut end = file.directory().last().expect("a block").end();
@@ -131,6 +132,7 @@ pub fn sections(file: &ModelFile) -> [(Kind, usize, usize, u64); KINDS.len()] {
         let behind = match kind {
             Kind::Parts => names,
             Kind::PartSets => lists,
+            Kind::Proxies => 10 * file.proxies().runs().count(),
             _ => 0,
         };
         let len = counts[i] * kind.row_len() + behind;
