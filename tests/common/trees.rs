@@ -104,6 +104,7 @@ impl TestTree {
             opaque_cells: false,
             stamp: 1,
             shown: None,
+            proxies: None,
             stop: &outcrop::structure::NEVER,
         }
     }
