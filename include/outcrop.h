@@ -426,6 +426,9 @@ typedef oc_status (*oc_resolve_fn)(void *user,
                                    const char *file,
                                    struct oc_resolved *out);
 
+/** The look of stand-ins: what a picture shows for geometry that is small or not in memory. */
+typedef uint32_t oc_stand_ins;
+
 /** Options of a build. All zeros: suitable for most models. */
 typedef struct oc_build_desc {
     /** Size of this struct in bytes; OC_INIT sets it. */
@@ -494,8 +497,15 @@ typedef struct oc_build_desc {
      * surfaces without normals show their facets.
      */
     float crease_angle;
-    /** Must be 0. */
-    uint32_t reserved_3;
+    /** One of the OC_STAND_INS_ constants. */
+    oc_stand_ins stand_ins;
+    /** Number of rays that sample each look of OC_STAND_INS_PROXIES, at most 1,048,576. 0: 512. */
+    uint32_t proxy_rays;
+    /**
+     * Least number of triangles that such a look stands for. 0: so many that all looks take about 0.3 bytes of memory
+     * for each triangle.
+     */
+    uint32_t proxy_triangles;
 } oc_build_desc;
 
 /** Material of a part. Colours are linear. All zeros: grey, opaque, matt. */
@@ -700,6 +710,10 @@ typedef struct oc_model_info {
     uint32_t reserved;
     /** Bytes of the form for exact rays, in addition to `resident_bytes`. 0: there is none now. See OC_CONTEXT_COMPACT. */
     uint64_t fast_form_bytes;
+    /** Number of looks from eighteen directions, see OC_STAND_INS_PROXIES. */
+    uint64_t proxies;
+    /** Bytes of memory that these take, which `resident_bytes` includes. */
+    uint64_t proxy_bytes;
 } oc_model_info;
 
 /** Flags of a part. */
@@ -1409,6 +1423,18 @@ typedef struct oc_pixels {
 
 /** Always split. */
 #define OC_SPLITS_ON 2
+
+/** The library chooses. At present OC_STAND_INS_VOXELS. */
+#define OC_STAND_INS_AUTO 0
+
+/** Each cell has a look of its own, from the sides of its box. */
+#define OC_STAND_INS_VOXELS 1
+
+/**
+ * Subtrees of some hundred triangles have a look from eighteen directions, which all cells in them show. These looks
+ * are always in memory and count in the budget: about 0.3 bytes for each triangle.
+ */
+#define OC_STAND_INS_PROXIES 2
 
 /** float. */
 #define OC_SCALAR_F32 0

@@ -51,7 +51,7 @@ fn layouts() -> Vec<Layout> {
         oc_build_desc {
             struct_size, structure, memory_budget, temp_dir, metres_per_unit, up, splits, threads, reserved, resolve,
             resolve_user, trusted_folder, max_triangles, max_bytes, trust_paths, reserved_2,
-            crease_angle, reserved_3,
+            crease_angle, stand_ins, proxy_rays, proxy_triangles,
         }
         oc_material { struct_size, colour, opacity, metalness, roughness, reserved }
         oc_part { struct_size, material, id, parent, name, has_parent, reserved }
@@ -68,7 +68,7 @@ fn layouts() -> Vec<Layout> {
         oc_model_info {
             struct_size, up, bounds_min, bounds_max, metres_per_unit, triangles_in, triangles_stored,
             triangles_placed, file_bytes, geometry_bytes, resident_bytes, parts, instances, blocks, has_colours,
-            has_normals, reserved, fast_form_bytes,
+            has_normals, reserved, fast_form_bytes, proxies, proxy_bytes,
         }
         oc_part_info {
             struct_size, parent, id, name, triangles, bounds_min, bounds_max, colour, metalness, roughness, flags,

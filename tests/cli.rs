@@ -153,6 +153,23 @@ fn pictures_in_a_small_cache() {
 }
 
 #[test]
+fn proxies_are_built_on_request() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    json(dir, &["generate", "mandelbulb", "--triangles", "2K", "-o", "b.ply"]);
+    let build = |args: &[&str]| json(dir, &[&["build", "b.ply", "-o", "b.oc"], args].concat());
+    let with = ["--stand-ins", "proxies", "--proxy-rays", "16", "--proxy-triangles", "200"];
+    for (args, has_some) in [(&[][..], false), (&["--stand-ins", "voxels"], false), (&with, true)] {
+        let (built, info) = (build(args), json(dir, &["info", "b.oc"]));
+        assert_eq!(built["proxies"].as_u64().unwrap() > 0, has_some, "{args:?}");
+        assert_eq!([&built["proxies"], &built["bytes_proxies"]], [&info["proxies"], &info["bytes_proxies"]]);
+    }
+    for args in [["--proxy-rays", "0"], ["--proxy-rays", "2000000"], ["--stand-ins", "boxes"]] {
+        fails(dir, &[&["build", "b.ply", "-o", "b.oc"][..], &args].concat(), 2, args[0]);
+    }
+}
+
+#[test]
 fn two_files_make_one_model_and_cameras_are_free() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();

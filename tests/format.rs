@@ -13,14 +13,15 @@ mod page;
 #[path = "format/payloads.rs"]
 mod payloads;
 
-use model::{ends_of_sets, hash, model, sections};
+use model::{ends_of_sets, hash, model, sections, with_proxies};
 use outcrop::lod;
 use outcrop::store::contents::{self, KINDS, Kind, TABLE_LEN};
 use outcrop::store::header::{
     ALIGN, BLOCK_SIZES, DEFAULT_BLOCK_SIZE, FOOTER_LEN, FOOTER_MAGIC, HEADER_LEN, MAGIC, VERSION,
 };
-use outcrop::store::{CLASSES, Codec, ModelFile, directory};
+use outcrop::store::{CLASSES, Codec, MemorySource, ModelFile, directory};
 use page::{FORMAT, check_row, fields, numbers, range_of, section, table};
+use std::sync::Arc;
 
 fn le_f64s(all: &[f64]) -> Vec<u8> {
     all.iter().flat_map(|number| number.to_le_bytes()).collect()
@@ -131,7 +132,15 @@ fn section_table() {
 
 /// Checks the rows of a section.
 fn check_section(kind: Kind, begin: &str, expected: impl Fn(&ModelFile, usize) -> Vec<(&'static str, Vec<u8>)>) {
-    let (bytes, file) = model();
+    check_section_of(model(), kind, begin, expected);
+}
+
+fn check_section_of(
+    (bytes, file): (&[u8], ModelFile),
+    kind: Kind,
+    begin: &str,
+    expected: impl Fn(&ModelFile, usize) -> Vec<(&'static str, Vec<u8>)>,
+) {
     let all = sections(&file);
     let (_, offset, _, count) = all.into_iter().find(|section| section.0 == kind).expect("a section");
     let heading = numbers(section(begin).0);
@@ -225,4 +234,76 @@ fn rows_of_tables() {
     check_section(Kind::PartSets, "### Parts of blocks", |file, i| {
         vec![("end of the block's list", le!(ends_of_sets(file)[i] as u32))]
     });
+    check_section_of(with_proxies(), Kind::Proxies, "### Proxies", |file, i| {
+        let row = file.proxies().rows()[i];
+        vec![
+            ("looks", row.looks.iter().flat_map(|look| look.to_le_bytes()).collect()),
+            ("surface area", le!(row.area)),
+            ("id: number of the run", le!(row.id)),
+        ]
+    });
+}
+
+/// The runs follow the rows, and say of each node what the reader says.
+#[test]
+fn runs_of_proxies() {
+    let (bytes, file) = with_proxies();
+    let (_, offset, len, count) =
+        sections(&file).into_iter().find(|section| section.0 == Kind::Proxies).expect("proxies");
+    let runs = &bytes[offset..offset + len][count as usize * Kind::Proxies.row_len()..];
+    assert_eq!(runs.len(), 10 * file.proxies().runs().count());
+    for (run, stored) in file.proxies().runs().zip(runs.chunks(10)) {
+        let proxy = run.proxy.unwrap_or(0xffff_ffff);
+        assert_eq!([le!(run.block), le!(run.node), le!(proxy)].concat(), stored);
+        let shown = file.proxies().of(run.block, usize::from(run.node));
+        assert_eq!(shown, run.proxy.map(|proxy| &file.proxies().rows()[proxy as usize]));
+    }
+}
+
+/// Part of an error's text, and the bytes that cause it: where they are in the file, and what they are.
+type Lie<'a> = (&'a str, Vec<(usize, Vec<u8>)>);
+
+/// Proxies that lie under right checksums are refused, and the error names the section.
+#[test]
+fn proxies_that_lie_are_refused() {
+    let (good, file) = with_proxies();
+    let (_, offset, len, count) =
+        sections(&file).into_iter().find(|section| section.0 == Kind::Proxies).expect("proxies");
+    let (end, table) = (good.len(), good.len() - TABLE_LEN - FOOTER_LEN);
+    let (entry, row) = (table + (KINDS.len() - 1) * contents::ROW_LEN, Kind::Proxies.row_len());
+    let runs = offset + count as usize * row;
+    let put = |bytes: &mut [u8], at: usize, value: &[u8]| bytes[at..at + value.len()].copy_from_slice(value);
+    let opened = |edits: &[(usize, Vec<u8>)]| {
+        let mut bytes = good.to_vec();
+        edits.iter().for_each(|(at, value)| put(&mut bytes, *at, value));
+        let sum = hash(&bytes[offset..offset + len]);
+        put(&mut bytes, entry + 32, &sum);
+        let sum = hash(&bytes[table..table + TABLE_LEN]);
+        put(&mut bytes, 32, &sum);
+        let sum = hash(&bytes[..HEADER_LEN - 8]);
+        put(&mut bytes, HEADER_LEN - 8, &sum);
+        let sum = hash(&bytes[..HEADER_LEN]);
+        put(&mut bytes, end - 16, &sum);
+        let sum = hash(&bytes[end - FOOTER_LEN..end - 8]);
+        put(&mut bytes, end - 8, &sum);
+        ModelFile::open(Arc::new(MemorySource::named("model.oc", bytes))).map(drop)
+    };
+    assert!(opened(&[]).is_ok());
+    let lies: [Lie; 10] = [
+        ("proxy 1: the area is not finite and above 0", vec![(offset + row + 72, le!(0.0f32))]),
+        ("proxy 0: the area is not finite and above 0", vec![(offset + 72, le!(f32::NAN))]),
+        ("proxy 1: the ids do not ascend", vec![(offset + row + 76, le!(0u32))]),
+        ("the id of the proxy is that of another run", vec![(runs - 4, le!(u32::MAX))]),
+        ("run 0: the block does not exist", vec![(runs, le!(file.header().geometry_blocks))]),
+        ("run 0: the proxy does not exist", vec![(runs + 6, le!(count as u32))]),
+        ("run 0: the proxy does not exist, or its subtree begins later", vec![(runs + 6, le!(1u32))]),
+        ("run 1: the nodes do not ascend", vec![(runs + 14, le!(0u16))]),
+        ("", vec![(entry + 8, le!(count - 1))]),
+        ("", vec![(entry + 8, le!(count + 1))]),
+    ];
+    for (why, edits) in lies {
+        let found = opened(&edits).expect_err(why).to_string();
+        assert!(found.contains("model.oc") && found.contains("section proxies: ") && found.contains(why), "{found}");
+        assert!(!found.contains("checksum"), "{found}");
+    }
 }

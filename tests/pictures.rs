@@ -15,6 +15,7 @@ mod part_looks;
 mod picture_errors;
 mod picture_perceived;
 mod promise;
+mod proxies;
 mod settings;
 mod shadows;
 mod smooth;

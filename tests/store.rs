@@ -286,7 +286,7 @@ fn hash(bytes: &[u8]) -> [u8; 8] {
 /// Makes all checksums right again, as far as the places that they cover are inside of the file.
 fn reseal(bytes: &mut [u8]) {
     let end = bytes.len();
-    let table = end - 272;
+    let table = end - 312;
     for row in (table..end - 32).step_by(40) {
         let from = usize::try_from(u64_at(bytes, row + 16)).unwrap_or(end);
         let len = usize::try_from(u64_at(bytes, row + 24)).unwrap_or(end);
@@ -317,12 +317,12 @@ fn fields_are_where_the_format_says() {
     let u32_at = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap());
     let u64_at = |at: usize| u64_at(&bytes, at);
     let f64_at = |at: usize| f64::from_bits(u64_at(at));
-    assert_eq!(bytes[..16], *b"\x8fOCR\r\n\x1a\n\0\0\x0a\0\0\x01\0\0");
-    assert_eq!([u64_at(16), u64_at(24)], [bytes.len() as u64, bytes.len() as u64 - 272]);
-    assert_eq!([40, 44, 48, 52, 56, 60].map(u32_at), [6, 6, 1, 65536, 1, 0]);
+    assert_eq!(bytes[..16], *b"\x8fOCR\r\n\x1a\n\0\0\x0b\0\0\x01\0\0");
+    assert_eq!([u64_at(16), u64_at(24)], [bytes.len() as u64, bytes.len() as u64 - 312]);
+    assert_eq!([40, 44, 48, 52, 56, 60].map(u32_at), [7, 6, 1, 65536, 1, 0]);
     assert_eq!([u64_at(120), u64_at(128)], [41, 0]);
     assert_eq!(u32_at(160), 2);
-    let table = bytes.len() - 272;
+    let table = bytes.len() - 312;
     let section = |kind: usize| u64_at(table + 40 * (kind - 1) + 16) as usize;
     for (kind, row, rows) in [(1, 32, 6), (2, 80, 3), (3, 24, 2), (4, 104, 2), (5, 128, 2)] {
         let at = table + 40 * (kind - 1);
@@ -364,7 +364,7 @@ fn error_or_consistent(bytes: &[u8]) -> bool {
 #[test]
 fn any_byte_of_the_tables_may_have_any_of_these_values() {
     let good = Model::small().bytes();
-    let directory = u64_at(&good, good.len() - 272 + 16) as usize;
+    let directory = u64_at(&good, good.len() - 312 + 16) as usize;
     let mut accepted = 0;
     for at in (8..256).chain(directory..good.len()) {
         for value in [0, 1, 0x7f, 0x80, 0xf8, 0xff, good[at].wrapping_add(1), good[at].wrapping_sub(1)] {
@@ -381,7 +381,7 @@ fn any_byte_of_the_tables_may_have_any_of_these_values() {
 #[test]
 fn whole_fields_may_have_extreme_values() {
     let good = Model::small().bytes();
-    let directory = u64_at(&good, good.len() - 272 + 16) as usize;
+    let directory = u64_at(&good, good.len() - 312 + 16) as usize;
     let extremes =
         [0, 1, 0x7fff_ffff, 0x8000_0000, 0xffff_ffff, 0x1_0000_0000, 1 << 62, 1 << 63, u64::MAX - 63, u64::MAX];
     let floats = [f64::NAN, f64::INFINITY, -f64::INFINITY, f64::MAX, f64::MIN_POSITIVE / 2.0, -0.0];
@@ -400,21 +400,21 @@ fn whole_fields_may_have_extreme_values() {
 #[test]
 fn bytes_that_belong_to_nobody_are_refused() {
     let good = Model::small().bytes();
-    let table = good.len() - 272;
+    let table = good.len() - 312;
     let section = |i: usize| u64_at(&good, table + 40 * i + 16) as usize;
     // (where 64 zeros are put in, the first section that moves)
-    for (at, moved) in [(section(0), 0), (section(1), 1), (section(4), 4), (table, 5)] {
+    for (at, moved) in [(section(0), 0), (section(1), 1), (section(4), 4), (section(6), 6), (table, 7)] {
         let mut bytes = good.clone();
         bytes.splice(at..at, [0; 64]);
         let table = table + 64;
-        for row in moved..5 {
+        for row in moved..7 {
             let offset = u64_at(&bytes, table + 40 * row + 16) + 64;
             put(&mut bytes, table + 40 * row + 16, &offset.to_le_bytes());
         }
         let len = (bytes.len() as u64).to_le_bytes();
         put(&mut bytes, 16, &len);
         put(&mut bytes, 24, &(table as u64).to_le_bytes());
-        put(&mut bytes, table + 208, &len);
+        put(&mut bytes, table + 288, &len);
         reseal(&mut bytes);
         let e = Model::of_bytes(&bytes).expect_err(&format!("64 bytes at {at}"));
         assert!(is_file_error(&e) && !e.to_string().contains("checksum"), "{at}: {e}");
@@ -517,7 +517,7 @@ proptest! {
         edits in prop::collection::vec((any::<prop::sample::Index>(), any::<[u8; 4]>(), 1usize..=4), 1..4),
     ) {
         let mut bytes = model.bytes();
-        let directory = u64_at(&bytes, bytes.len() - 272 + 16) as usize;
+        let directory = u64_at(&bytes, bytes.len() - 312 + 16) as usize;
         for (at, value, len) in edits {
             let at = directory + at.index(bytes.len() - directory - len);
             put(&mut bytes, at, &value[..len]);

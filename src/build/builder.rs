@@ -7,7 +7,7 @@ use super::seal::{self, Asked, Gathered};
 use super::shares::Shares;
 use super::spool::Spool;
 use super::values::Value;
-use super::{BuildOptions, Splits, normals};
+use super::{BuildOptions, MOST_PROXY_RAYS, Splits, normals};
 use crate::base::account::Account;
 use crate::base::error::{Error, Result};
 use crate::base::inputs::Inputs;
@@ -77,6 +77,9 @@ impl Builder {
             return Err(Error::bad_argument("crease_angle must be finite and at most 180"));
         }
         threads::check(options.threads, "threads")?;
+        if options.proxy_rays > MOST_PROXY_RAYS {
+            return Err(Error::bad_argument(format!("proxy_rays must be at most {MOST_PROXY_RAYS}")));
+        }
         let default = MaterialDesc::default();
         let shares = Shares::of(options.memory_budget)?;
         let quota = Quota::new(options.max_bytes);

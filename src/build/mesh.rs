@@ -119,8 +119,10 @@ impl Output<'_> {
         let own = placed.triangles.len();
         let normals = make_normals(&mut placed, own, options, &par, cancel)?;
         let stretch = Stretch::new(self.progress, cancel, (span.part(0.05, 1.0).0, span.part(0.7, 1.0).0));
-        let built = B::build(input(&placed, &normals, &part_colours), &self.split(split, 0.0), true, &par, &stretch)?;
+        let asked = TreeOptions { proxies: options.proxies(self.proxies.len()), ..self.split(split, 0.0) };
+        let built = B::build(input(&placed, &normals, &part_colours), &asked, true, &par, &stretch)?;
         self.report.seconds.build += begun.elapsed().as_secs_f64();
+        self.proxies.extend(built.proxies);
         let mut chunk = built.chunk;
         let plans = B::take_plans(&mut chunk);
         row.bounds = flat(&built.bounds);
@@ -228,8 +230,10 @@ impl Output<'_> {
         let own = source.bucket.triangles as usize;
         let normals = make_normals(&mut placed, own, source.options, &par, cancel)?;
         let stretch = Stretch::new(self.progress, cancel, (span.part(0.05, 1.0).0, span.part(0.7, 1.0).0));
-        let options = self.split(split, mesh_half_area);
+        let proxies = source.options.proxies(self.proxies.len());
+        let options = TreeOptions { proxies, ..self.split(split, mesh_half_area) };
         let built = B::build(input(&placed, &normals, part_colours), &options, false, &par, &stretch)?;
+        self.proxies.extend(built.proxies);
         self.report.seconds.build += begun.elapsed().as_secs_f64();
         self.report.chunks += 1;
         let span = span.part(0.7, 1.0);
@@ -272,7 +276,7 @@ impl Output<'_> {
 
     fn split(&mut self, split: bool, mesh_half_area: f32) -> TreeOptions {
         self.report.spatial_splits |= split;
-        TreeOptions { split_budget: if split { SPLIT_BUDGET } else { 0.0 }, mesh_half_area }
+        TreeOptions { split_budget: if split { SPLIT_BUDGET } else { 0.0 }, mesh_half_area, proxies: None }
     }
 }
 

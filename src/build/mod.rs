@@ -34,6 +34,7 @@ mod owners;
 mod part_sets;
 mod parts;
 mod places;
+mod proxies;
 mod regions;
 mod report;
 mod resolve;
@@ -47,6 +48,7 @@ mod values;
 
 pub use crate::structure::Structure;
 pub use builder::Builder;
+pub use proxies::{MOST_PROXY_RAYS, PROXY_RAYS};
 pub use report::{BuildReport, PhaseSeconds};
 
 use crate::import::{Access, UpAxis};
@@ -75,6 +77,33 @@ impl Splits {
             Self::Auto => "auto",
             Self::Off => "off",
             Self::On => "on",
+        }
+    }
+}
+
+/// The look of stand-ins: what is shown for a part of a model that is small or not in memory.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum StandIns {
+    /// The library chooses. At present voxels.
+    #[default]
+    Auto,
+    /// Each cell has its own, from the sides of its box.
+    Voxels,
+    /// Subtrees of some hundred triangles have one from eighteen directions, which all cells in them show. It takes
+    /// about 0.3 bytes of memory for each triangle, always.
+    Proxies,
+}
+
+impl StandIns {
+    /// All values.
+    pub const ALL: [Self; 3] = [Self::Auto, Self::Voxels, Self::Proxies];
+
+    /// Name in command lines and benchmarks.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Auto => "auto",
+            Self::Voxels => "voxels",
+            Self::Proxies => "proxies",
         }
     }
 }
@@ -111,6 +140,14 @@ pub struct BuildOptions {
     /// Greatest number of bytes that the model file and all scratch files take on the disk at any time; 0 for no limit.
     /// Default 0.
     pub max_bytes: u64,
+    /// The look of stand-ins. Default: automatic.
+    pub stand_ins: StandIns,
+    /// Number of rays into each subtree that gets a proxy, at most [`MOST_PROXY_RAYS`]; 0 for [`PROXY_RAYS`]. Default
+    /// 0.
+    pub proxy_rays: u32,
+    /// Fewest triangles of a subtree that gets a proxy. 0: so many that all proxies take about 0.3 bytes for each
+    /// triangle. Default 0.
+    pub proxy_triangles: u32,
 }
 
 /// The crease angle unless another is asked for, in degrees: chamfers of 45 degrees stay edges.

@@ -1,6 +1,7 @@
 //! Blocks on their way to the file: encoded in parallel, in batches; a batch is written while the next is encoded.
 
 use super::part_sets::{BlockParts, TreeParts};
+use super::proxies::BlockRuns;
 use super::report::BuildReport;
 use super::shares::Shares;
 use super::values::Has;
@@ -8,7 +9,7 @@ use crate::base::error::Result;
 use crate::base::progress::{Cancel, Progress};
 use crate::base::scratch::{Scratch, ScratchSpace};
 use crate::store::{Aside, EncodedBlock, PartSets, Writer};
-use crate::structure::bake::BakedBlock;
+use crate::structure::bake::{BakedBlock, BakedProxy};
 use crate::structure::{Par, streams};
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
@@ -31,6 +32,9 @@ pub struct Output<'a> {
     /// Parts of all geometry blocks of the trees before the present one, and of the present one.
     pub part_sets: PartSets,
     pub tree_parts: TreeParts,
+    /// All proxies, and the nodes of the blocks written so far that show them.
+    pub proxies: Vec<BakedProxy>,
+    pub runs: BlockRuns,
     /// Scratch file of the spilled input.
     pub spilled: Option<Scratch>,
     /// Number of trees that follow the present one.
@@ -64,6 +68,7 @@ struct Encoded {
     normals: Option<EncodedBlock>,
     is_smooth: bool,
     parts: BlockParts,
+    proxies: Vec<(u16, u32)>,
     trace_bytes: u32,
 }
 
@@ -75,6 +80,7 @@ pub struct ClassAside {
     normals: Aside,
     is_smooth: bool,
     parts: TreeParts,
+    runs: BlockRuns,
 }
 
 impl ClassAside {
@@ -86,6 +92,7 @@ impl ClassAside {
     fn push(&mut self, block: Encoded, report: &mut BuildReport) -> Result<()> {
         report.bytes_trace += u64::from(block.trace_bytes);
         self.parts.push(block.parts)?;
+        self.runs.push(&block.proxies);
         self.geometry.push(block.geometry)?;
         self.prims.push(block.prims)?;
         self.is_smooth |= block.is_smooth;
@@ -105,6 +112,7 @@ impl Output<'_> {
             normals: aside(),
             is_smooth: false,
             parts: TreeParts::default(),
+            runs: BlockRuns::default(),
         }
     }
 
@@ -144,6 +152,7 @@ impl Output<'_> {
     fn write(&mut self, block: Encoded) -> Result<()> {
         self.report.bytes_trace += u64::from(block.trace_bytes);
         self.tree_parts.push(block.parts)?;
+        self.runs.push(&block.proxies);
         self.writer.encoded_block(block.geometry)?;
         self.prims.push(block.prims)?;
         self.are_smooth |= block.is_smooth;
@@ -177,6 +186,7 @@ impl Output<'_> {
     pub fn write_aside(&mut self, aside: ClassAside, span: Span) -> Result<()> {
         let progress = self.progress;
         self.tree_parts.append(aside.parts)?;
+        self.runs.append(aside.runs);
         aside.geometry.write_to(&mut self.writer, self.cancel, |done| progress.advance(span.part(done, 1.0).0))?;
         self.progress.bytes_written.store(self.writer.bytes_written(), Relaxed);
         self.prims.append(aside.prims)?;
@@ -226,6 +236,7 @@ fn encode(blocks: Vec<BakedBlock>, has: Has) -> Vec<Encoded> {
             normals,
             is_smooth,
             parts: BlockParts { own: block.parts, below: block.below },
+            proxies: block.proxies,
             trace_bytes: block.trace_bytes,
         }
     };

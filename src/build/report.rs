@@ -54,6 +54,10 @@ pub struct BuildReport {
     pub bytes_ids: u64,
     /// Bytes of the normals in the file; 0 if each triangle has its own.
     pub bytes_normals: u64,
+    /// Proxies of subtrees.
+    pub proxies: u64,
+    /// Bytes of memory that the proxies take in each context that opens the model.
+    pub bytes_proxies: u64,
     /// Normals of the input that are zero or not finite. Those of the triangles replace them.
     pub unusable_normals: u64,
     /// Greatest distance between a vertex of the input and the stored vertex, in units of the model.

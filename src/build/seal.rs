@@ -6,6 +6,7 @@ use super::mesh::Mesh;
 use super::output::{Output, Span};
 use super::part_sets::TreeParts;
 use super::parts::{self, Assembly};
+use super::proxies::BlockRuns;
 use super::report::{BuildReport, PhaseSeconds};
 use super::shares::Shares;
 use super::split::{self, Splitter};
@@ -103,6 +104,8 @@ pub fn run(mut gathered: Gathered, asked: &Asked, threads: usize) -> Result<Buil
         are_smooth: false,
         part_sets: PartSets::default(),
         tree_parts: TreeParts::default(),
+        proxies: Vec::new(),
+        runs: BlockRuns::default(),
         spilled: gathered.spilled.take(),
         trees_left: meshes.len(),
         space: space.clone(),
@@ -141,12 +144,13 @@ pub fn run(mut gathered: Gathered, asked: &Asked, threads: usize) -> Result<Buil
 }
 
 fn seal(
-    output: Output,
+    mut output: Output,
     gathered: &Gathered,
     trees: &[TreeRow],
     options: &BuildOptions,
     begun: Instant,
 ) -> Result<BuildReport> {
+    let proxies = output.all_proxies()?;
     let Output { mut writer, prims, colours, normals, has, part_sets, mut report, space, progress, cancel, .. } =
         output;
     let has_normals = output.are_smooth;
@@ -159,6 +163,9 @@ fn seal(
     if trees.iter().any(|tree| tree.local_parts > 1) {
         writer.set_part_sets(part_sets);
     }
+    report.proxies = proxies.len() as u64;
+    report.bytes_proxies = proxies.memory();
+    writer.set_proxies(proxies);
     let geometry_blocks = writer.blocks_written();
     let before = writer.bytes_written();
     let ids = Span(TREES_DONE, IDS_DONE);

@@ -10,7 +10,7 @@ use super::status::oc_status;
 use crate::base::error::Error;
 use crate::base::output;
 use crate::base::progress::{Cancel, Progress};
-use crate::build::{BuildOptions, Builder, Splits, Structure};
+use crate::build::{BuildOptions, Builder, Splits, StandIns, Structure};
 use crate::import::{Access, MeshKey, PartKey, UpAxis};
 use crate::scene::LogLevel;
 use std::collections::HashMap;
@@ -83,6 +83,16 @@ pub const OC_SPLITS_OFF: oc_splits = 1;
 /// Always split.
 pub const OC_SPLITS_ON: oc_splits = 2;
 
+/// The look of stand-ins: what a picture shows for geometry that is small or not in memory.
+pub type oc_stand_ins = u32;
+/// The library chooses. At present OC_STAND_INS_VOXELS.
+pub const OC_STAND_INS_AUTO: oc_stand_ins = 0;
+/// Each cell has a look of its own, from the sides of its box.
+pub const OC_STAND_INS_VOXELS: oc_stand_ins = 1;
+/// Subtrees of some hundred triangles have a look from eighteen directions, which all cells in them show. These looks
+/// are always in memory and count in the budget: about 0.3 bytes for each triangle.
+pub const OC_STAND_INS_PROXIES: oc_stand_ins = 2;
+
 /// Options of a build. All zeros: suitable for most models.
 #[repr(C)]
 #[derive(Clone, Copy)]
@@ -137,8 +147,13 @@ pub struct oc_build_desc {
     /// normals there. 0: 40 degrees, with which chamfers of 45 degrees stay edges. Below 0: no normals are made, and
     /// surfaces without normals show their facets.
     pub crease_angle: f32,
-    /// Must be 0.
-    pub reserved_3: u32,
+    /// One of the OC_STAND_INS_ constants.
+    pub stand_ins: oc_stand_ins,
+    /// Number of rays that sample each look of OC_STAND_INS_PROXIES, at most 1,048,576. 0: 512.
+    pub proxy_rays: u32,
+    /// Least number of triangles that such a look stands for. 0: so many that all looks take about 0.3 bytes of memory
+    /// for each triangle.
+    pub proxy_triangles: u32,
 }
 
 // SAFETY: `repr(C)`, numbers, pointers and a nullable function without padding, `struct_size` first.
@@ -165,7 +180,6 @@ fn threads(asked: u32, context: &ContextObject) -> usize {
 unsafe fn options(desc: &oc_build_desc, context: &ContextObject) -> Checked<BuildOptions> {
     reserved(desc.reserved, "oc_build_desc.reserved")?;
     reserved(desc.reserved_2, "oc_build_desc.reserved_2")?;
-    reserved(desc.reserved_3, "oc_build_desc.reserved_3")?;
     check_threads(desc.threads, "oc_build_desc.threads")?;
     let structure = match desc.structure {
         OC_STRUCTURE_DEFAULT | OC_STRUCTURE_BVH => Structure::Bvh,
@@ -176,6 +190,12 @@ unsafe fn options(desc: &oc_build_desc, context: &ContextObject) -> Checked<Buil
         OC_SPLITS_OFF => Splits::Off,
         OC_SPLITS_ON => Splits::On,
         other => return bad(format!("oc_build_desc.splits {other} is unknown")),
+    };
+    let stand_ins = match desc.stand_ins {
+        OC_STAND_INS_AUTO => StandIns::Auto,
+        OC_STAND_INS_VOXELS => StandIns::Voxels,
+        OC_STAND_INS_PROXIES => StandIns::Proxies,
+        other => return bad(format!("oc_build_desc.stand_ins {other} is unknown")),
     };
     let up = match desc.up {
         0 => None,
@@ -218,6 +238,9 @@ unsafe fn options(desc: &oc_build_desc, context: &ContextObject) -> Checked<Buil
         access,
         max_triangles,
         max_bytes,
+        stand_ins,
+        proxy_rays: desc.proxy_rays,
+        proxy_triangles: desc.proxy_triangles,
     })
 }
 

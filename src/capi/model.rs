@@ -314,6 +314,10 @@ pub struct oc_model_info {
     pub reserved: u32,
     /// Bytes of the form for exact rays, in addition to `resident_bytes`. 0: there is none now. See OC_CONTEXT_COMPACT.
     pub fast_form_bytes: u64,
+    /// Number of looks from eighteen directions, see OC_STAND_INS_PROXIES.
+    pub proxies: u64,
+    /// Bytes of memory that these take, which `resident_bytes` includes.
+    pub proxy_bytes: u64,
 }
 
 // SAFETY: `repr(C)`, integers and doubles without padding, `struct_size` first.
@@ -355,6 +359,8 @@ pub unsafe extern "C" fn oc_model_get_info(model: *const oc_model, out_info: *mu
                 has_normals: u32::from(info.has_normals),
                 reserved: 0,
                 fast_form_bytes: memory.resident_form,
+                proxies: info.proxies,
+                proxy_bytes: info.proxy_bytes,
             });
             Ok(())
         })

@@ -69,7 +69,7 @@ const AXES: [u32; 3] = [127, 127 << 8, 0];
 #[derive(Debug, Clone, PartialEq)]
 pub struct Coded {
     /// The sample, the part, and the summary of parts. If there are six samples, this sample is their mean, and its
-    /// second word is not yet assigned.
+    /// second word is replaced when the block is encoded.
     pub words: [u32; VOXEL_WORDS],
     /// A sample for each side: low x, y, z, high x, y, z.
     pub sides: Option<Box<[u32; SIDES_WORDS]>>,
@@ -128,7 +128,13 @@ impl Coded {
             let [first, second] = sample(side);
             words.copy_from_slice(&[first, second & colours]);
         }
-        Self { words: [a | SIX, 0, part, voxel.summary], sides: Some(sides), slabs, curtains: Box::default() }
+        Self { words: [a | SIX, b, part, voxel.summary], sides: Some(sides), slabs, curtains: Box::default() }
+    }
+
+    /// Leaves only the mean sample: a proxy gives the look.
+    pub fn without_sides(&mut self) {
+        self.words[0] &= !SIX;
+        self.sides = None;
     }
 
     /// Words of the voxel.

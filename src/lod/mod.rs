@@ -1,10 +1,10 @@
-//! Stand-ins: voxels shown in place of a part of a tree that a walk does not descend into.
+//! Stand-ins: voxels and proxies shown in place of a part of a tree that a walk does not descend into.
 //!
 //! `voxel` computes the look of a cell from each side, composited from its content, and `seen` the part of it that a
 //! ray sees. `oriented_slabs` bounds the content inside of the cell, by its extents (`support`) along axes that `turns`
-//! selects. `fill` bounds the distance from this region to the content. `coded` encodes all of it in bytes. The walks
-//! of a structure decide where a stand-in is acceptable, and `query` computes the error bounds of its hits. Uses base,
-//! math and simd.
+//! selects. `fill` bounds the distance from this region to the content. `coded` encodes all of it in bytes. `proxy` has
+//! the look of a subtree from eighteen directions, which may replace the look of its voxels. The walks of a structure
+//! decide where a stand-in is acceptable, and `query` computes the error bounds of its hits. Uses base, math and simd.
 #![forbid(unsafe_code)]
 
 mod coded;
@@ -13,6 +13,7 @@ mod curtain;
 mod support;
 mod seen;
 mod oriented_slabs;
+mod proxy;
 mod turns;
 mod voxel;
 
@@ -25,6 +26,7 @@ pub use fill::{Fill, LEAST, LESS, holds, limit, sure_from};
 pub use oriented_slabs::{
     Content, FIELDS, LEVEL, Middle, OrientedSlab, OrientedSlabs, fields, normal_bytes, oriented_slabs,
 };
+pub use proxy::{Looks, Sampler, Seen, halton, line_into, seen};
 pub use seen::{Facing, blended_colour, mean_cosine, shares, visible};
 pub use support::farthest;
 pub use voxel::{Facet, Voxel, summary_bit};

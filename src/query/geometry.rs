@@ -368,7 +368,7 @@ impl At<'_> {
         Ok(None)
     }
 
-    fn view<'s>(&self, snapshot: &'s crate::residency::Snapshot) -> Tree<'s> {
+    fn view<'s>(&'s self, snapshot: &'s crate::residency::Snapshot) -> Tree<'s> {
         self.model.tree_in(self.placed.tree, snapshot, Visit::default())
     }
 

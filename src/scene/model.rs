@@ -118,6 +118,10 @@ pub struct ModelInfo {
     pub has_colours: bool,
     /// True if triangles may have normals at their corners that differ from their own.
     pub has_normals: bool,
+    /// Number of proxies of subtrees, which give stand-ins their look.
+    pub proxies: u64,
+    /// Bytes of memory that the proxies take.
+    pub proxy_bytes: u64,
     /// Bytes of the file.
     pub file_bytes: u64,
 }
@@ -448,7 +452,9 @@ impl Model {
 
     /// Its tree `index` in `snapshot`.
     #[inline]
-    pub(crate) fn tree_in<'a>(&self, index: u32, snapshot: &'a Snapshot, visit: Visit<'a>) -> Tree<'a> {
+    pub(crate) fn tree_in<'a>(&'a self, index: u32, snapshot: &'a Snapshot, visit: Visit<'a>) -> Tree<'a> {
+        let proxies = self.0.blocks.file().proxies();
+        let visit = Visit { proxies: (!proxies.is_empty()).then_some(proxies), ..visit };
         self.0.trees[index as usize].view(snapshot, self.0.context.isa(), visit)
     }
 }
@@ -554,6 +560,8 @@ fn info_of(file: &ModelFile, header: &Header) -> ModelInfo {
         },
         has_colours: header.has_colours,
         has_normals: header.has_normals,
+        proxies: file.proxies().len() as u64,
+        proxy_bytes: file.proxies().memory(),
         file_bytes: file.file_len(),
     }
 }

@@ -284,7 +284,8 @@ impl<'a> SceneView<'a> {
     pub fn tree(&self, placed: u32) -> Tree<'a> {
         let p = &self.scene.placement.placed[placed as usize];
         let Self { accept_missing, opaque_cells, stamp, stop, .. } = *self;
-        let visit = Visit { accept_missing, opaque_cells, stamp, shown: self.scene.shown_blocks(placed), stop };
+        let visit =
+            Visit { accept_missing, opaque_cells, stamp, shown: self.scene.shown_blocks(placed), proxies: None, stop };
         self.model_of(placed).tree_in(p.tree, &self.snapshots.0[p.model as usize], visit)
     }
 

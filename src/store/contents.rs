@@ -2,6 +2,7 @@
 
 use super::directory::{self, aligned};
 use super::part_sets;
+use super::proxies::ProxyRow;
 use super::sections::{FileRow, InstanceRow, MaterialRow, PartRow, TreeRow};
 use crate::base::bytes::{ByteReader, Malformed, PutBytes, ensure};
 
@@ -21,11 +22,13 @@ pub enum Kind {
     Trees = 5,
     /// Parts of blocks.
     PartSets = 6,
+    /// Proxies.
+    Proxies = 7,
 }
 
 /// All kinds in their order in the file.
-pub const KINDS: [Kind; 6] =
-    [Kind::Directory, Kind::Parts, Kind::Materials, Kind::Assembly, Kind::Trees, Kind::PartSets];
+pub const KINDS: [Kind; 7] =
+    [Kind::Directory, Kind::Parts, Kind::Materials, Kind::Assembly, Kind::Trees, Kind::PartSets, Kind::Proxies];
 /// Number of bytes of a row of the section table.
 pub const ROW_LEN: usize = 40;
 /// Number of bytes of the section table.
@@ -41,11 +44,12 @@ impl Kind {
             Kind::Assembly => InstanceRow::LEN,
             Kind::Trees => TreeRow::LEN,
             Kind::PartSets => part_sets::ROW_LEN,
+            Kind::Proxies => ProxyRow::LEN,
         }
     }
     /// True if bytes follow the rows of a section of this kind.
     fn has_tail(self) -> bool {
-        matches!(self, Kind::Parts | Kind::PartSets)
+        matches!(self, Kind::Parts | Kind::PartSets | Kind::Proxies)
     }
     /// The name of the kind, for messages.
     pub fn name(self) -> &'static str {
@@ -56,6 +60,7 @@ impl Kind {
             Kind::Assembly => "assembly",
             Kind::Trees => "trees",
             Kind::PartSets => "parts of blocks",
+            Kind::Proxies => "proxies",
         }
     }
 }

@@ -5,6 +5,7 @@ use super::contents::{self, Entry, KINDS, Kind, TABLE_LEN, of_section};
 use super::directory::{self, Row};
 use super::header::{self, FOOTER_LEN, Frame, HEADER_LEN, Header, HeaderError, VERSION};
 use super::parts::{Parts, Reading};
+use super::proxies::{self, Collecting, Proxies, ProxyRow};
 use super::reader::ModelFile;
 use super::sections::{FileRow, InstanceRow, MaterialRow, Others, PartRow, PlainRow, TreeRow};
 use super::source::Source;
@@ -39,6 +40,7 @@ pub(super) struct FileTables {
     pub trees: Vec<TreeRow>,
     /// Place of the parts of blocks, which are read on demand.
     pub part_sets: Entry,
+    pub proxies: Proxies,
 }
 
 impl Outline {
@@ -91,6 +93,10 @@ impl Outline {
                 Kind::Trees => rows(size_of::<TreeRow>()),
                 // Read on demand.
                 Kind::PartSets => 0,
+                Kind::Proxies => {
+                    let runs = len.saturating_sub(rows(ProxyRow::LEN)) / proxies::RUN_LEN as u64;
+                    Proxies::memory_of(count, runs, self.header.geometry_blocks)
+                }
             }
         };
         KINDS.map(of).into_iter().fold(0, u64::saturating_add)
@@ -155,7 +161,8 @@ impl Outline {
         let part_sets = *self.entry(Kind::PartSets);
         let has_all = part_sets.count == 0 || part_sets.count == u64::from(self.header.geometry_blocks);
         file.ensure(has_all, "section parts of blocks: the number of rows differs from the number of geometry blocks")?;
-        Ok(FileTables { rows, parts, materials, instances, trees, part_sets })
+        let proxies = tail.proxies(self.header.geometry_blocks)?;
+        Ok(FileTables { rows, parts, materials, instances, trees, part_sets, proxies })
     }
 
     fn tail<'a>(&'a self, cancel: &'a Cancel) -> Result<Tail<'a>> {
@@ -237,6 +244,34 @@ impl Tail<'_> {
         }
         self.finish()?;
         reading.finish()?.map_err(|why| self.refuse(&why))
+    }
+
+    /// Returns the proxies of a model of `blocks` geometry blocks.
+    fn proxies(&mut self, blocks: u32) -> Result<Proxies> {
+        self.begin(Kind::Proxies);
+        let len = self.left.saturating_sub(self.rows_left.saturating_mul(ProxyRow::LEN as u64));
+        let count = |n: u64| usize::try_from(n).unwrap_or(usize::MAX);
+        let mut all = Collecting::new(count(self.rows_left), count(len / proxies::RUN_LEN as u64), blocks)?;
+        while self.rows_left > 0 {
+            let row = ProxyRow::decode(&mut ByteReader::new(self.take_row()?));
+            if let Err(why) = row.and_then(|row| all.push_row(row)) {
+                return Err(self.refuse(&why));
+            }
+        }
+        while self.left >= proxies::RUN_LEN as u64 {
+            self.read_ahead(proxies::RUN_LEN)?;
+            let run = proxies::decode_run(self.take(proxies::RUN_LEN));
+            if let Err(why) = run.and_then(|run| all.push_run(run)) {
+                return Err(self.refuse(&why));
+            }
+        }
+        if self.left > 0 {
+            return Err(self.refuse(&Malformed::new("the last run is cut off")));
+        }
+        match all.finish() {
+            Ok(all) => self.finish().map(|()| all),
+            Err(why) => Err(self.refuse(&why)),
+        }
     }
 
     /// The next row of a section without texts, if there is one.

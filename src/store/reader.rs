@@ -7,6 +7,7 @@ use super::header::Header;
 use super::opening::{FileTables, Opening, Outline};
 use super::part_sets::PartSets;
 use super::parts::Parts;
+use super::proxies::Proxies;
 use super::sections::{InstanceRow, MaterialRow, TreeRow};
 use super::source::{FileSource, Source};
 use crate::base::bytes::{Checked, Malformed, ensure, is_zero};
@@ -37,6 +38,7 @@ pub struct ModelFile {
     trees: Vec<TreeRow>,
     /// Place of the parts of blocks, which are read on demand.
     part_sets: Entry,
+    proxies: Proxies,
 }
 
 /// Result of [`ModelFile::check`] for an intact file.
@@ -65,8 +67,21 @@ impl ModelFile {
     /// The file with this outline and its checked tables. `frame`: fingerprint, length, and offset of the directory.
     pub(super) fn of(source: Arc<dyn Source>, header: Header, frame: (u64, u64, u64), tables: FileTables) -> Self {
         let (fingerprint, file_len, blocks_end) = frame;
-        let FileTables { rows, parts, materials, instances, trees, part_sets } = tables;
-        Self { source, header, fingerprint, file_len, blocks_end, rows, parts, materials, instances, trees, part_sets }
+        let FileTables { rows, parts, materials, instances, trees, part_sets, proxies } = tables;
+        Self {
+            source,
+            header,
+            fingerprint,
+            file_len,
+            blocks_end,
+            rows,
+            parts,
+            materials,
+            instances,
+            trees,
+            part_sets,
+            proxies,
+        }
     }
 
     /// [`ModelFile::open`] for a path of the file system.
@@ -105,6 +120,11 @@ impl ModelFile {
     /// All trees.
     pub fn trees(&self) -> &[TreeRow] {
         &self.trees
+    }
+
+    /// All proxies, and the nodes that show them.
+    pub fn proxies(&self) -> &Proxies {
+        &self.proxies
     }
 
     /// Number of blocks of every kind; the ids are `0..block_count()`.

@@ -5,6 +5,7 @@ use super::contents::{self, Entry, KINDS, Kind};
 use super::directory::{self, Row, aligned};
 use super::header::{self, FOOTER_LEN, Frame, HEADER_LEN, Header};
 use super::part_sets::PartSets;
+use super::proxies::Proxies;
 use super::sections::{self, InstanceRow, MaterialRow, PartRow, Tables, TreeRow};
 use crate::base::bytes::Malformed;
 use crate::base::error::{Error, Result};
@@ -31,6 +32,7 @@ pub struct Writer {
     at: u64,
     rows: Vec<Row>,
     part_sets: PartSets,
+    proxies: Proxies,
     cancel: Cancel,
     failed: bool,
 }
@@ -52,8 +54,8 @@ impl Writer {
 
     fn through(medium: Box<dyn Medium>) -> Result<Self> {
         let buffer = memory::room(BUFFER_LEN, "writing a model")?;
-        let (rows, part_sets, cancel) = (Vec::new(), PartSets::default(), Cancel::new());
-        let mut writer = Self { medium, buffer, at: 0, rows, part_sets, cancel, failed: false };
+        let (rows, part_sets, proxies, cancel) = (Vec::new(), PartSets::default(), Proxies::default(), Cancel::new());
+        let mut writer = Self { medium, buffer, at: 0, rows, part_sets, proxies, cancel, failed: false };
         // The content of the header is known last. Until then the file begins with zeros and is not a valid model.
         writer.append(&[0; HEADER_LEN])?;
         Ok(writer)
@@ -81,6 +83,11 @@ impl Writer {
     /// Sets the parts of all geometry blocks. Without this call the model has none.
     pub fn set_part_sets(&mut self, sets: PartSets) {
         self.part_sets = sets;
+    }
+
+    /// Sets the proxies. Without this call the model has none.
+    pub fn set_proxies(&mut self, proxies: Proxies) {
+        self.proxies = proxies;
     }
 
     /// Makes [`Writer::finish`] fail with [`Error::Cancelled`] once this is cancelled.
@@ -142,6 +149,7 @@ impl Writer {
 
     fn write_sections(&mut self, header: &Header, tables: &Tables) -> Result<()> {
         let (rows, sets) = (std::mem::take(&mut self.rows), std::mem::take(&mut self.part_sets));
+        let proxies = std::mem::take(&mut self.proxies);
         let mut entries = Vec::with_capacity(KINDS.len());
         for kind in KINDS {
             entries.push(match kind {
@@ -155,6 +163,7 @@ impl Writer {
                 }
                 Kind::Trees => self.section(kind, tables.trees.len(), |take| sections::encode(tables.trees, take)),
                 Kind::PartSets => self.section(kind, sets.len(), |take| sets.encode(take)),
+                Kind::Proxies => self.section(kind, proxies.len(), |take| proxies.encode(take)),
             }?);
         }
         self.pad()?;

@@ -6,6 +6,7 @@ use super::par::Par;
 use super::{Structure, bvh};
 use crate::base::error::Result;
 use crate::base::progress::Stretch;
+use crate::lod::Looks;
 use crate::math::{Bounds, srgb};
 use crate::store::CLASSES;
 use glam::{Vec3, Vec4};
@@ -69,6 +70,29 @@ pub struct TreeOptions {
     /// boxes overlap by a certain share of it, so the chunks of a mesh are split as sparingly as the whole mesh.
     /// (Measured against the chunk's own box, an airliner in three chunks had 9.1 million references instead of 7.6.)
     pub mesh_half_area: f32,
+    /// Proxies; `None` for none. A structure without proxies ignores them.
+    pub proxies: Option<ProxyOptions>,
+}
+
+/// Options of proxies.
+#[derive(Debug, Clone, Copy)]
+pub struct ProxyOptions {
+    /// Number of lines into each subtree, > 0.
+    pub rays: u32,
+    /// Fewest triangles of a subtree with a proxy; 0: chosen so that all proxies take about 0.3 bytes for each
+    /// triangle.
+    pub triangles: u32,
+    /// Number of the chunk's first proxy.
+    pub first: u32,
+}
+
+/// The proxy of a subtree.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BakedProxy {
+    /// The looks.
+    pub looks: Looks,
+    /// Surface area of its triangles; finite, > 0.
+    pub area: f32,
 }
 
 /// Counts of a tree or of a part of a tree.
@@ -112,6 +136,9 @@ pub struct BakedBlock {
     pub parts: Vec<u32>,
     /// Blocks of other plans that the block refers to, counted from the first block of the tree.
     pub below: Vec<u32>,
+    /// Runs of nodes that show the same proxy: first node, and the number of the proxy among those of all chunks or
+    /// `u32::MAX`. Nodes before the first run show none.
+    pub proxies: Vec<(u16, u32)>,
 }
 
 /// Result of [`Baker::build`].
@@ -125,6 +152,8 @@ pub struct BuiltChunk<C, T> {
     pub bounds: Bounds,
     /// Counts of the chunk.
     pub counts: Counts,
+    /// The proxies, numbered from [`ProxyOptions::first`].
+    pub proxies: Vec<BakedProxy>,
 }
 
 /// Makes the blocks of a structure.

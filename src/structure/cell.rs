@@ -41,6 +41,10 @@ pub struct Cells<const N: usize> {
     pub inside: u32,
     /// Rays that hit a cell with a sample for each of three sides.
     pub have_three: u32,
+    /// Rays of `have_three` whose three samples are those of a proxy: `shares` has their shares.
+    pub of_proxies: u32,
+    /// Shares of the three samples of the rays in `of_proxies`.
+    pub shares: [[f32; N]; 3],
     /// Rays that hit a cell with colours of its own, which replace the colours of its part.
     pub coloured: u32,
     /// Rays from which a curtain hides the cell (`lod::Curtain`): their sample is that of the curtain.
@@ -58,6 +62,8 @@ impl<const N: usize> Cells<N> {
         missing: 0,
         inside: 0,
         have_three: 0,
+        of_proxies: 0,
+        shares: [[0.0; N]; 3],
         coloured: 0,
         curtained: 0,
     };

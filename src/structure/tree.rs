@@ -27,6 +27,7 @@ use crate::lod::OrientedSlabs;
 use crate::math::{Bounds, Cone};
 use crate::residency::Snapshot;
 use crate::simd::Isa;
+use crate::store::Proxies;
 use glam::{DVec3, Vec3};
 use std::sync::atomic::AtomicBool;
 
@@ -47,6 +48,8 @@ pub struct Visit<'a> {
     pub stamp: u32,
     /// Blocks that walks pass by, if parts are hidden.
     pub shown: Option<&'a ShownBlocks>,
+    /// The proxies of the model, if it has any.
+    pub proxies: Option<&'a Proxies>,
     /// Once it is set, walks end at the next block that they enter, as if it were missing. Their results have no
     /// meaning then.
     pub stop: &'a AtomicBool,
@@ -54,7 +57,7 @@ pub struct Visit<'a> {
 
 impl Default for Visit<'_> {
     fn default() -> Self {
-        Self { accept_missing: false, opaque_cells: false, stamp: 0, shown: None, stop: &NEVER }
+        Self { accept_missing: false, opaque_cells: false, stamp: 0, shown: None, proxies: None, stop: &NEVER }
     }
 }
 

@@ -196,6 +196,12 @@ static void contents_of_builds(oc_context *c) {
     CHECK(strstr(oc_last_error(), "oc_build_desc.trust_paths is 2"));
     desc.trust_paths = 1, desc.reserved_2 = 1;
     INVALID(oc_build_create(c, &desc, &b));
+    desc.reserved_2 = 0, desc.stand_ins = 3;
+    INVALID(oc_build_create(c, &desc, &b));
+    CHECK(strstr(oc_last_error(), "oc_build_desc.stand_ins 3"));
+    desc.stand_ins = OC_STAND_INS_PROXIES, desc.proxy_rays = 1 << 21;
+    INVALID(oc_build_create(c, &desc, &b));
+    CHECK(strstr(oc_last_error(), "proxy_rays must be at most 1048576"));
     CHECK(b == NULL);
     OK(oc_build_create(c, NULL, &b));
 

@@ -54,7 +54,7 @@ impl TestTree {
             part_colours: &[],
         };
         let par = Par { threads: 1 };
-        let options = TreeOptions { split_budget, mesh_half_area: 0.0 };
+        let options = TreeOptions { split_budget, mesh_half_area: 0.0, proxies: None };
         let (progress, cancel) = (Progress::default(), Cancel::new());
         let mut built =
             Chunk::build(input, &options, true, &par, &Stretch::new(&progress, &cancel, (0.0, 1.0))).expect("a tree");
@@ -104,6 +104,7 @@ impl TestTree {
             opaque_cells: false,
             stamp: 1,
             shown: None,
+            proxies: None,
             stop: &outcrop::structure::NEVER,
         }
     }

@@ -2,7 +2,7 @@
 
 use glam::{DAffine3, DQuat, DVec3};
 use outcrop::base::progress::{Cancel, Progress};
-use outcrop::build::{BuildOptions, Builder};
+use outcrop::build::{BuildOptions, Builder, StandIns};
 use outcrop::import::{Attributes, MaterialDesc, MeshKey, PartDesc, Sink, UpAxis};
 use outcrop::store::contents::{KINDS, Kind};
 use outcrop::store::header::ALIGN;
@@ -52,10 +52,10 @@ fn surface(side: usize) -> Vec<[DVec3; 3]> {
 
 /// A model with a tree of many blocks, with parts and colours, and two shared meshes of one block: one of several
 /// parts, and one of one part.
-fn build() -> Vec<u8> {
+fn build(stand_ins: StandIns) -> Vec<u8> {
     let dir = tempfile::tempdir_in("/dev/shm").or_else(|_| tempfile::tempdir()).expect("a folder");
     let path = dir.path().join("model.oc");
-    let options = BuildOptions { threads: 1, ..BuildOptions::default() };
+    let options = BuildOptions { threads: 1, stand_ins, proxy_rays: 64, ..BuildOptions::default() };
     let mut builder = Builder::new(options, Arc::new(Progress::default()), Cancel::new()).expect("a builder");
     builder.units(Some(0.5), UpAxis::Z);
     let steel = MaterialDesc { colour: [0.25, 0.5, 0.75], opacity: 0.5, metalness: 1.0, roughness: 0.125 };
@@ -92,8 +92,17 @@ fn build() -> Vec<u8> {
 
 pub fn model() -> (&'static [u8], ModelFile) {
     static MODEL: OnceLock<Vec<u8>> = OnceLock::new();
-    let bytes = MODEL.get_or_init(build);
-    (&bytes[..], ModelFile::open(Arc::new(MemorySource::new(bytes.clone()))).expect("a model"))
+    opened(MODEL.get_or_init(|| build(StandIns::Voxels)))
+}
+
+/// The same model with proxies: its stand-ins have no samples of sides.
+pub fn with_proxies() -> (&'static [u8], ModelFile) {
+    static MODEL: OnceLock<Vec<u8>> = OnceLock::new();
+    opened(MODEL.get_or_init(|| build(StandIns::Proxies)))
+}
+
+fn opened(bytes: &'static [u8]) -> (&'static [u8], ModelFile) {
+    (bytes, ModelFile::open(Arc::new(MemorySource::new(bytes.to_vec()))).expect("a model"))
 }
 
 /// Where the list of parts of each geometry block ends, as the page describes the lists.
@@ -123,6 +132,7 @@ pub fn sections(file: &ModelFile) -> [(Kind, usize, usize, u64); KINDS.len()] {
         file.instances().len(),
         file.trees().len(),
         ends_of_sets(file).len(),
+        file.proxies().len(),
     ];
     let lists = ends_of_sets(file).last().copied().unwrap_or(0);
     let mut end = file.directory().last().expect("a block").end();
@@ -131,6 +141,7 @@ pub fn sections(file: &ModelFile) -> [(Kind, usize, usize, u64); KINDS.len()] {
         let behind = match kind {
             Kind::Parts => names,
             Kind::PartSets => lists,
+            Kind::Proxies => 10 * file.proxies().runs().count(),
             _ => 0,
         };
         let len = counts[i] * kind.row_len() + behind;

@@ -114,7 +114,7 @@ class oc_build_desc(Sized):
         ("threads", c.c_uint32), ("reserved", c.c_uint32), ("resolve", oc_resolve_fn), ("resolve_user", c.c_void_p),
         ("trusted_folder", c.c_char_p), ("max_triangles", c.c_uint64), ("max_bytes", c.c_uint64),
         ("trust_paths", c.c_uint32), ("reserved_2", c.c_uint32), ("crease_angle", c.c_float),
-        ("reserved_3", c.c_uint32),
+        ("stand_ins", c.c_uint32), ("proxy_rays", c.c_uint32), ("proxy_triangles", c.c_uint32),
     ]
 
 
@@ -179,7 +179,8 @@ class oc_model_info(Sized):
         ("triangles_stored", c.c_uint64), ("triangles_placed", c.c_uint64), ("file_bytes", c.c_uint64),
         ("geometry_bytes", c.c_uint64), ("resident_bytes", c.c_uint64), ("parts", c.c_uint32),
         ("instances", c.c_uint32), ("blocks", c.c_uint32), ("has_colours", c.c_uint32), ("has_normals", c.c_uint32),
-        ("reserved", c.c_uint32), ("fast_form_bytes", c.c_uint64),
+        ("reserved", c.c_uint32), ("fast_form_bytes", c.c_uint64), ("proxies", c.c_uint64),
+        ("proxy_bytes", c.c_uint64),
     ]
 
 

@@ -208,6 +208,19 @@ class Resolution(enum.IntEnum):
     """The file must not be read."""
 
 
+class StandIns(enum.IntEnum):
+    """The look of stand-ins: what a picture shows for geometry that is small or not in memory."""
+
+    AUTO = 0
+    """The library chooses. At present StandIns.VOXELS."""
+    VOXELS = 1
+    """Each cell has a look of its own, from the sides of its box."""
+    PROXIES = 2
+    """Subtrees of some hundred triangles have a look from eighteen directions, which all cells in them show. These
+    looks are always in memory and count in the budget: about 0.3 bytes for each triangle.
+    """
+
+
 class Scalar(enum.IntEnum):
     """Type of coordinates."""
 
@@ -491,7 +504,7 @@ class Format(enum.IntEnum):
 
 __all__ = [
     "Status", "State", "Phase", "LogLevel", "InstructionSet", "ContextFlags", "Property", "CameraKind", "Structure",
-    "Splits", "Resolution", "Scalar", "Index", "UpAxis", "PartFlags", "PlacementFlags", "LightKind", "LookFlags",
-    "PartsFlags", "Want", "QueryFlags", "HitKind", "Side", "Holds", "OverlapKind", "View", "Buffer", "FrameFlags",
-    "Format",
+    "Splits", "Resolution", "StandIns", "Scalar", "Index", "UpAxis", "PartFlags", "PlacementFlags", "LightKind",
+    "LookFlags", "PartsFlags", "Want", "QueryFlags", "HitKind", "Side", "Holds", "OverlapKind", "View", "Buffer",
+    "FrameFlags", "Format",
 ]

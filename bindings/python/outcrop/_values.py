@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from . import _abi
 from ._enums import (
     CameraKind, FrameFlags, HitKind, Holds, LightKind, LookFlags, OverlapKind, PartFlags, PartsFlags, Phase, Side,
-    Splits, State, Status, Structure, UpAxis, View,
+    Splits, StandIns, State, Status, Structure, UpAxis, View,
 )
 from ._value import Value, Vector
 
@@ -162,6 +162,14 @@ class BuildOptions(Value):
     normals there. 0: 40 degrees, with which chamfers of 45 degrees stay edges. Below 0: no normals are made, and
     surfaces without normals show their facets.
     """
+    stand_ins: StandIns = StandIns(0)
+    """One of the StandIns constants."""
+    proxy_rays: int = 0
+    """Number of rays that sample each look of StandIns.PROXIES, at most 1,048,576. 0: 512."""
+    proxy_triangles: int = 0
+    """Least number of triangles that such a look stands for. 0: so many that all looks take about 0.3 bytes of
+    memory for each triangle.
+    """
 
 
 @dataclass
@@ -276,6 +284,10 @@ class ModelInfo(Value):
     """Bytes of the form for exact rays, in addition to `resident_bytes`. 0: there is none now. See
     ContextFlags.COMPACT.
     """
+    proxies: int = 0
+    """Number of looks from eighteen directions, see StandIns.PROXIES."""
+    proxy_bytes: int = 0
+    """Bytes of memory that these take, which `resident_bytes` includes."""
 
 
 @dataclass

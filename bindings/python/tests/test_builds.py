@@ -116,6 +116,18 @@ def test_parts_materials_and_placements(context: outcrop.Context, tmp_path: Path
         assert hits["part"].tolist() == [41, 42, first, first + 1]
 
 
+def test_stand_ins(context: outcrop.Context, tmp_path: Path) -> None:
+    vertices, faces = bumps(20)
+    for stand_ins in outcrop.StandIns:
+        options = outcrop.BuildOptions(stand_ins=stand_ins, proxy_rays=16, proxy_triangles=100)
+        context.build(tmp_path / "m.oc", outcrop.Mesh(vertices, faces), options=options)
+        with context.open(tmp_path / "m.oc") as model:
+            has_some = stand_ins == outcrop.StandIns.PROXIES
+            assert (model.info.proxies > 0) == has_some and (model.info.proxy_bytes > 0) == has_some
+    with pytest.raises(outcrop.ArgumentError, match="proxy_rays"):
+        context.new_build(outcrop.BuildOptions(proxy_rays=1 << 21))
+
+
 def test_normals_and_colours_of_vertices(context: outcrop.Context, tmp_path: Path) -> None:
     vertices, faces = bumps(20)
     tilted = numpy.zeros((len(vertices), 4))[:, :3] + (0.6, 0, 0.8)

@@ -3,7 +3,7 @@
 use crate::common::{self, Outcome};
 use crate::output::Destination;
 use outcrop::base::progress::Progress;
-use outcrop::build::{BuildOptions, BuildReport, Builder, Splits, Structure};
+use outcrop::build::{BuildOptions, BuildReport, Builder, MOST_PROXY_RAYS, Splits, StandIns, Structure};
 use outcrop::import::{Access, UpAxis};
 use serde_json::{Value, json};
 use std::path::PathBuf;
@@ -58,6 +58,16 @@ pub struct Args {
     /// an error. 0: no limit
     #[arg(long, value_name = "BYTES", default_value = "0", value_parser = common::byte_size)]
     max_bytes: u64,
+    /// The look of stand-ins, shown for what is small or not in memory: each cell's own (voxels), or one from eighteen
+    /// directions for subtrees of some hundred triangles (proxies)
+    #[arg(long, default_value = "auto", value_parser = common::one_of(StandIns::ALL, StandIns::name))]
+    stand_ins: StandIns,
+    /// Number of rays that sample each proxy [default: 512]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_PROXY_RAYS)))]
+    proxy_rays: Option<u32>,
+    /// Fewest triangles of a subtree with a proxy. 0: so many that all proxies take about 0.3 bytes for each triangle
+    #[arg(long, value_name = "N", default_value = "0")]
+    proxy_triangles: u32,
     /// Print one JSON object
     #[arg(long)]
     json: bool,
@@ -84,6 +94,9 @@ pub fn run(args: &Args) -> Outcome {
         access: Access { folders: args.trust_folder.clone(), any: args.trust_paths, resolver: None },
         max_triangles: args.max_triangles,
         max_bytes: args.max_bytes,
+        stand_ins: args.stand_ins,
+        proxy_rays: args.proxy_rays.unwrap_or(0),
+        proxy_triangles: args.proxy_triangles,
     };
     let progress = Arc::new(Progress::default());
     let mut builder = Builder::new(options, Arc::clone(&progress), cancel)?;
@@ -127,6 +140,8 @@ fn as_json(file: &str, r: &BuildReport) -> Value {
         "bytes_ids": r.bytes_ids,
         "bytes_normals": r.bytes_normals,
         "bytes_trace": r.bytes_trace,
+        "proxies": r.proxies,
+        "bytes_proxies": r.bytes_proxies,
         "bytes_temporary": r.bytes_temporary,
         "position_error": r.position_error,
         "unusable_normals": r.unusable_normals,

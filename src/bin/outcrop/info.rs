@@ -58,6 +58,8 @@ fn as_json(file: &ModelFile, with_parts: bool) -> Value {
         "bytes": file.file_len(),
         "structure": structure(file),
         "bytes_trace": trace_bytes(file),
+        "proxies": file.proxies().len(),
+        "bytes_proxies": file.proxies().memory(),
         "block_size": h.block_size,
         "blocks": h.geometry_blocks,
         "triangles_in": h.triangles_in,
@@ -98,10 +100,14 @@ fn as_text(file: &ModelFile, with_parts: bool) -> String {
     let empty = h.bounds.iter().any(|x| !x.is_finite());
     let bounds = if empty { "empty".into() } else { format!("{:?} .. {:?}", &h.bounds[..3], &h.bounds[3..]) };
     let many = |n: usize, noun| common::counted(n as u64, noun);
+    let proxies = match file.proxies().len() {
+        0 => String::new(),
+        n => format!(", proxies: {n} in {}", common::in_bytes(file.proxies().memory())),
+    };
     let mut text = format!(
         "{}: {}, {}, {} of {} in the input\n\
          {} of at most {}, {} in memory ({})\n\
-         {}, {}, {}, {}\n\
+         {}, {}, {}, {}{proxies}\n\
          bounds {bounds}, unit {unit}, up {}\n",
         file.name().display(),
         structure(file),

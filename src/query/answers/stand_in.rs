@@ -260,7 +260,8 @@ fn see<const N: usize>(all: &mut StandIns<N>, placed: &Placed) {
         all.shares = [[1.0; N], [0.0; N], [0.0; N]];
         return see_sides::<N, 1>(all, placed);
     }
-    let StandIns { cells: Cells { bounds, firsts, seconds, have_three, .. }, dir, shares: rows, .. } = all;
+    let StandIns { cells, dir, shares: rows, .. } = all;
+    let Cells { bounds, firsts, seconds, have_three, of_proxies, shares: given, .. } = cells;
     let moved;
     let dir = if placed.only_shifted().is_some() {
         &*dir
@@ -278,6 +279,13 @@ fn see<const N: usize>(all: &mut StandIns<N>, placed: &Placed) {
         rows[0][i] = if has_three { x } else { 1.0 };
         rows[1][i] = if has_three { y } else { 0.0 };
         rows[2][i] = if has_three { z } else { 0.0 };
+    }
+    if *of_proxies != 0 {
+        for side in 0..3 {
+            for i in 0..N {
+                rows[side][i] = if *of_proxies >> i & 1 == 1 { given[side][i] } else { rows[side][i] };
+            }
+        }
     }
     see_sides::<N, 3>(all, placed);
 }

@@ -154,7 +154,13 @@ impl Baker for BruteBaker {
         let cells = par.map(lists.len(), |i| Cell::of_list(input, &lists[i]));
         let bounds = cells.iter().fold(Bounds::EMPTY, |all, cell| all.union(cell.bounds));
         let counts = Counts { depth: 2, nodes: 1, leaves: lists.len() as u64, references: triangles };
-        Ok(BuiltChunk { chunk: Chunk { input, lists }, top: Some(Top { lists: cells, triangles }), bounds, counts })
+        Ok(BuiltChunk {
+            chunk: Chunk { input, lists },
+            top: Some(Top { lists: cells, triangles }),
+            bounds,
+            counts,
+            proxies: Vec::new(),
+        })
     }
 
     fn take_plans(chunk: &mut Chunk<'_>) -> Vec<usize> {

@@ -20,7 +20,8 @@ impl<'a> TreeView<'a> {
         out: &mut Cells<N>,
     ) -> u32 {
         let mut gone = 0;
-        (out.missing, out.inside, out.have_three, out.coloured, out.curtained) = (0, 0, 0, 0, 0);
+        (out.missing, out.inside, out.have_three, out.coloured) = (0, 0, 0, 0);
+        (out.of_proxies, out.curtained) = (0, 0);
         for i in bits(rays) {
             let Some((cell, row)) = self.cell_at(&hit(i)) else {
                 gone |= 1 << i;

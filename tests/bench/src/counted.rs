@@ -96,6 +96,7 @@ impl OneTree {
             prims_at: self.file.header().geometry_blocks,
             colours_at: None,
             normals_at: None,
+            proxies: None,
             isa: Isa::Baseline,
             accept_missing: false,
             opaque_cells: false,

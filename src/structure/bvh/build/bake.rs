@@ -71,7 +71,7 @@ impl Baker for BvhBaker {
 
 /// Encodes a block for the file. `leaves`: the words of its leaf block, if it has one.
 fn baked(block: TreeBlock, leaves: Option<&[u32]>) -> BakedBlock {
-    let TreeBlock { words, prims, colours, normals, parts, below } = block;
+    let TreeBlock { words, prims, colours, normals, parts, below, proxies } = block;
     let payload = codec::encode_geometry(&words, leaves);
-    BakedBlock { payload, trace_bytes: 4 * words.len() as u32, prims, colours, normals, parts, below }
+    BakedBlock { payload, trace_bytes: 4 * words.len() as u32, prims, colours, normals, parts, below, proxies }
 }

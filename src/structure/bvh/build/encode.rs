@@ -3,6 +3,7 @@
 
 use super::cluster::Plan;
 use super::leaf::LeafShape;
+use super::proxies;
 use super::refs::Ref;
 use super::tree::{InnerNode, Sub};
 use crate::lod::{Coded, SIDES_WORDS};
@@ -32,6 +33,8 @@ pub struct TreeBlock {
     pub parts: Vec<u32>,
     /// Blocks of other plans that the block refers to.
     pub below: Vec<u32>,
+    /// Runs of nodes that show the same proxy, see [`crate::structure::bake::BakedBlock`].
+    pub proxies: Vec<(u16, u32)>,
 }
 
 struct Encoder<'a> {
@@ -41,6 +44,8 @@ struct Encoder<'a> {
     nodes: Vec<Node>,
     /// Number of each node's first voxel, the voxels, and the sides of voxels that have six.
     firsts: Vec<u32>,
+    /// Proxy of each node.
+    proxies: Vec<u32>,
     voxels: Vec<[u32; LONG_VOXEL]>,
     sides: Vec<[u32; SIDES_WORDS]>,
     /// Summaries and curtains of the voxels that have curtains.
@@ -63,6 +68,7 @@ pub fn encode(plan: &Plan, first_block: u32, input: TreeInput, refs: &[Ref]) -> 
         parts: &plan.parts,
         nodes: Vec::new(),
         firsts: Vec::new(),
+        proxies: Vec::new(),
         voxels: Vec::new(),
         sides: Vec::new(),
         curtains: Vec::new(),
@@ -113,7 +119,8 @@ pub fn encode(plan: &Plan, first_block: u32, input: TreeInput, refs: &[Ref]) -> 
     words.extend(encoder.sides.as_flattened());
     words.extend(&encoder.curtains);
     put_transmitting(&mut words);
-    let Encoder { leaves, prims, colours, normals, .. } = encoder;
+    let Encoder { leaves, prims, colours, normals, proxies, .. } = encoder;
+    let proxies = proxies::runs(&proxies);
     let normals = normals.words();
     let mut below: Vec<u32> = plan.externals.iter().map(|&(block, _)| block).collect();
     below.sort_unstable();
@@ -122,12 +129,12 @@ pub fn encode(plan: &Plan, first_block: u32, input: TreeInput, refs: &[Ref]) -> 
     if !plan.has_leaf_block {
         words.extend(&leaves);
         words.extend([0; PAD_WORDS]);
-        return (TreeBlock { words, prims, colours, normals, parts, below }, None);
+        return (TreeBlock { words, prims, colours, normals, parts, below, proxies }, None);
     }
     words.extend([0; PAD_WORDS]);
     let leaves = leaf_block(&plan.parts, &leaves, prims.len());
     let leaves = TreeBlock { words: leaves, prims, colours, normals, ..TreeBlock::default() };
-    (TreeBlock { words, parts, ..TreeBlock::default() }, Some(leaves))
+    (TreeBlock { words, parts, proxies, ..TreeBlock::default() }, Some(leaves))
 }
 
 fn leaf_block(parts: &[u32], leaves: &[u32], triangles: usize) -> Vec<u32> {
@@ -174,6 +181,7 @@ impl Encoder<'_> {
     fn inner(&mut self, inner: &InnerNode) -> usize {
         let index = self.nodes.len();
         self.nodes.push(inner.node);
+        self.proxies.push(inner.proxy);
         for (slot, (_, sub)) in inner.children.iter().enumerate() {
             let child = match sub {
                 Sub::InnerNode(below) => Child::Node(self.inner(below)),

@@ -3,9 +3,9 @@
 //! A mesh is built in one or more **chunks**, each in memory. A [`Chunk`] yields its fine and leaf blocks and a
 //! [`Top`]; the [`UpperTree`] over all tops yields the coarse blocks. Steps: `refs` (one box per triangle), `sah` and
 //! `spatial` (where to split the set, or space), `tree` (wide nodes), `small` and `collapse` (wide nodes of small
-//! subtrees, and leaves), `coverage` (shares of rays that cells stop), `cluster` (assignment of nodes to blocks),
-//! `join` (one tree from several), `encode` (trace form). The result depends only on the input and the options, never
-//! on the number of threads.
+//! subtrees, and leaves), `coverage` (shares of rays that cells stop), `proxies` (looks of subtrees), `cluster`
+//! (assignment of nodes to blocks), `join` (one tree from several), `encode` (trace form). The result depends only on
+//! the input and the options, never on the number of threads.
 
 mod bake;
 mod chop;
@@ -18,6 +18,7 @@ mod join;
 mod leaf;
 mod lines;
 mod partition;
+mod proxies;
 mod coverage;
 mod quantise;
 mod refs;
@@ -72,22 +73,37 @@ impl<'a> Chunk<'a> {
         let mut refs = refs::make(input.triangles, options.split_budget, par)?;
         stretch.check()?;
         let tree = stretch.part(0.0, 0.5, input.triangles.len() as u64);
-        let (marks, looks) = (stretch.part(0.5, 0.85, 1), stretch.part(0.85, 1.0, 1));
+        let (marks, samples) = match options.proxies {
+            Some(_) => (stretch.part(0.5, 0.75, 1), stretch.part(0.75, 1.0, 1)),
+            None => (stretch.part(0.5, 0.8, 1), stretch.part(0.8, 1.0, 1)),
+        };
+        // Either kind of stand-ins shows what is met first.
+        let sampled = |pieces: &mut [Piece], refs: &[refs::Ref]| match &options.proxies {
+            Some(asked) => proxies::sample(pieces, input, refs, asked, Isa::best(), par, &samples),
+            None => seen::sample(pieces, input, refs, Isa::best(), par, &samples).map(|()| Vec::new()),
+        };
         let tree::Built { children, bounds, counts } =
             tree::build(input, &mut refs, options.mesh_half_area, par, &tree)?;
-        let done = |plans, top, refs| BuiltChunk { chunk: Chunk { input, refs, plans }, top, bounds, counts };
+        let done = |plans, top, refs, proxies| BuiltChunk {
+            chunk: Chunk { input, refs, plans },
+            top,
+            bounds,
+            counts,
+            proxies,
+        };
         let mut pieces = children;
+        let proxies;
         let mut below = Counts { depth: counts.depth - 1, nodes: counts.nodes - 1, ..counts };
         // Tops of several chunks hold the children of the roots. A root is created here if it stays, or has leaves, in
         // which case it is a fine unit.
         if is_whole || pieces.iter().any(|p| matches!(p.sub, Sub::Leaf { .. })) {
             let mut root = [InnerNode::over(pieces, Place::Above)];
             coverage::mark(&mut root, input, &refs, Isa::best(), par, &marks)?;
-            seen::sample(&mut root, input, &refs, Isa::best(), par, &looks)?;
+            proxies = sampled(&mut root, &refs)?;
             let [Piece { cell, voxel, content, sub, place }] = root;
             let sub = match sub {
                 Sub::InnerNode(root) if is_whole => match cluster::whole(root, input, &refs) {
-                    Ok(plan) => return Ok(done(vec![plan], None, refs)),
+                    Ok(plan) => return Ok(done(vec![plan], None, refs, proxies)),
                     Err(root) => Sub::InnerNode(root),
                 },
                 sub => sub,
@@ -96,11 +112,11 @@ impl<'a> Chunk<'a> {
             below = counts;
         } else {
             coverage::mark(&mut pieces, input, &refs, Isa::best(), par, &marks)?;
-            seen::sample(&mut pieces, input, &refs, Isa::best(), par, &looks)?;
+            proxies = sampled(&mut pieces, &refs)?;
         }
         let (plans, units) = cluster::fine(pieces.iter_mut().map(|p| &mut p.sub), input, &refs, par);
         let top = Top { pieces, units, fine_blocks: plans.len() as u32, counts: below };
-        Ok(done(plans, Some(top), refs))
+        Ok(done(plans, Some(top), refs, proxies))
     }
 
     /// Takes the plans of the blocks, in order, for [`Chunk::encode`].

@@ -44,7 +44,12 @@ pub struct InnerNode {
     pub words: u32,
     /// Place of each child among treelets, in the order of the slots.
     pub places: [Place; WIDTH],
+    /// Number of the proxy that the node shows (`proxies`), or [`NO_PROXY`].
+    pub proxy: u32,
 }
+
+/// The proxy of nodes that have none.
+pub const NO_PROXY: u32 = u32::MAX;
 
 /// Greatest number of references of a **treelet**: a range of the binary splits that is half of a larger range, or the
 /// whole tree. Treelets are classified as a whole (`coverage`). In the wide tree, a treelet is one child or several
@@ -156,7 +161,7 @@ impl InnerNode {
         // No `collect`: the result would keep the memory of the pieces, which is several times as large.
         let mut children = Vec::with_capacity(pieces.len());
         children.extend(pieces.into_iter().zip(&stored).enumerate().map(coded));
-        let mut inner = Box::new(InnerNode { node, children, words: 0, places });
+        let mut inner = Box::new(InnerNode { node, children, words: 0, places, proxy: NO_PROXY });
         inner.measure();
         Piece { cell, voxel, content: Content::over(contents), sub: Sub::InnerNode(inner), place }
     }

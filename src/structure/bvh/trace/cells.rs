@@ -29,7 +29,8 @@ impl<'a> TreeView<'a> {
     ) -> u32 {
         let mut at: [Option<(StoredVoxel, &Node, usize)>; N] = [None; N];
         let mut gone = 0;
-        (out.missing, out.inside, out.have_three, out.coloured, out.curtained) = (0, 0, 0, 0, 0);
+        (out.missing, out.inside, out.have_three, out.coloured) = (0, 0, 0, 0);
+        (out.of_proxies, out.curtained) = (0, 0);
         for i in bits(rays) {
             let hit = hit(i);
             at[i] = self.cell_at(&hit);
@@ -86,6 +87,9 @@ impl<'a> TreeView<'a> {
             for axis in 0..3 {
                 (out.firsts[axis][i], out.seconds[axis][i]) = (firsts[axis], seconds[axis]);
             }
+        }
+        if self.proxies.is_some() {
+            self.look_at_proxies(rays & !gone & !out.curtained, hit, dir, out);
         }
         gone
     }

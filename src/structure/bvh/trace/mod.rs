@@ -16,6 +16,7 @@ mod packet_cells;
 mod packet_few;
 mod packet_leaf;
 mod packet_visit;
+mod proxies;
 mod coverage;
 mod single;
 mod stand_in;
@@ -35,6 +36,7 @@ use super::normals;
 use crate::base::ids::BlockId;
 use crate::residency::Snapshot;
 use crate::simd::Isa;
+use crate::store::Proxies;
 use crate::structure::cursor::Below;
 use crate::structure::filter::{PartFilter, ShownBlocks};
 use crate::structure::hit::{self, Counters, Outcome, TriHit, Triangle};
@@ -78,6 +80,8 @@ pub struct TreeView<'a> {
     pub stamp: u32,
     /// Blocks that walks pass by, because all parts in and below them are hidden. Walks find [`NOTHING`] there.
     pub shown: Option<&'a ShownBlocks>,
+    /// The model's proxies, which give stand-ins their look; `None` if it has none.
+    pub proxies: Option<&'a Proxies>,
     /// Once it is set, every block counts as missing.
     pub stop: &'a AtomicBool,
 }
