@@ -337,8 +337,8 @@ fn bits_of_curtains() {
     assert!(
         (likeness(mask(words[0][1])) - 1.0).abs() < 0.01 && (likeness(!mask(words[0][1])) - 2.0 / 3.0).abs() < 0.01
     );
-    for channel in 0..3 {
-        let ([_, second], _) = Curtain::shown([0, mask(words[1][channel]), 0]);
+    for (channel, field) in words[1][..3].iter().enumerate() {
+        let ([_, second], _) = Curtain::shown([0, mask(*field), 0]);
         let colour = lod::stored_colour(second).to_array();
         assert!((0..3).all(|i| (colour[i] - if i == channel { 1.0 } else { 0.0 }).abs() < 1e-6), "{colour:?}");
     }
