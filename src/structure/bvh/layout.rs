@@ -39,10 +39,8 @@
 //! `leaf.rs` describes a **leaf**.
 
 use super::leaf::Leaf;
-use crate::lod::{
-    self, CURTAIN_WORDS, Coded, Curtain, LEVEL, Middle, OrientedSlabs, SIDES_WORDS, TRANSMITTING_LEVEL, VOXEL_WORDS,
-    curtain_from, stopped, summary_bit,
-};
+pub use super::voxel::StoredVoxel;
+use crate::lod::{self, LEVEL, Middle, OrientedSlabs, SIDES_WORDS, TRANSMITTING_LEVEL, VOXEL_WORDS, stopped};
 use crate::math::Bounds;
 use bytemuck::{Pod, Zeroable, must_cast_ref};
 use glam::Vec3;
@@ -329,6 +327,7 @@ impl<'a> Block<'a> {
     }
 
     /// All words.
+    #[inline(always)]
     pub fn words(&self) -> &'a [u32] {
         self.words
     }
@@ -432,7 +431,7 @@ impl<'a> Block<'a> {
     /// The voxels of all children, in order.
     pub fn all_voxels(&self) -> impl Iterator<Item = StoredVoxel<'a>> + use<'a> {
         let block = *self;
-        (0..block.voxels()).map(move |i| StoredVoxel { words: block.voxel_at(i), block })
+        (0..block.voxels()).map(move |i| StoredVoxel::new(block.voxel_at(i), block))
     }
 
     /// The voxel of the child in `slot` of node `index`.
@@ -440,7 +439,7 @@ impl<'a> Block<'a> {
     pub fn voxel(&self, index: usize, slot: usize) -> StoredVoxel<'a> {
         let first = self.words[self.words[4] as usize + index] as usize;
         let before = u32::from(self.node(index).valid) & ((1 << slot) - 1);
-        StoredVoxel { words: self.voxel_at(first + before.count_ones() as usize), block: *self }
+        StoredVoxel::new(self.voxel_at(first + before.count_ones() as usize), *self)
     }
 
     /// The node at `index`.
@@ -489,95 +488,6 @@ impl<'a> Block<'a> {
     #[inline(always)]
     pub fn leaf(&self, at: usize) -> Leaf<'a> {
         Leaf::at(&self.words[at..])
-    }
-}
-
-/// The voxel of a child, in its block.
-#[derive(Debug, Clone, Copy)]
-pub struct StoredVoxel<'a> {
-    words: &'a [u32],
-    block: Block<'a>,
-}
-
-impl<'a> StoredVoxel<'a> {
-    /// The words of the voxel, without those of its sides.
-    #[inline]
-    pub fn words(&self) -> &[u32] {
-        self.words
-    }
-
-    /// True if the voxel has a sample for each side.
-    #[inline]
-    pub fn has_sides(&self) -> bool {
-        Coded::has_sides(self.words[0])
-    }
-
-    /// True if the voxel's one sample describes surfaces that face along the axes.
-    #[inline]
-    pub fn is_along_axes(&self) -> bool {
-        Coded::is_along_axes(self.words[0])
-    }
-
-    /// The words of the samples of its sides. Valid only if [`StoredVoxel::has_sides`].
-    #[inline]
-    pub fn sides(&self) -> &[u32] {
-        let at = self.block.sides_at() + self.words[1] as usize * SIDES_WORDS;
-        &self.block.words[at..at + SIDES_WORDS]
-    }
-
-    /// True if the voxel has colours of its own, which replace the colour of its part.
-    #[inline]
-    pub fn has_colours(&self) -> bool {
-        Coded::has_colours(self.words[0])
-    }
-
-    /// The tree's local part that covers most of the voxel, and true if there are other parts.
-    #[inline]
-    pub fn part(&self) -> (u32, bool) {
-        self.words.get(2).map_or((self.block.words[7], false), |word| Coded::part(*word))
-    }
-
-    /// Number of rays that the voxel stops, of 4096; 0: it stops all rays.
-    #[inline]
-    pub fn stopped(&self) -> u32 {
-        stopped(self.words[0])
-    }
-
-    /// The bits of all parts in the voxel, see [`summary_bit`].
-    pub fn summary(&self) -> u32 {
-        match self.curtains_at() {
-            Some(at) => self.block.words[at],
-            None => self.words.get(3).copied().unwrap_or_else(|| summary_bit(self.block.words[7])),
-        }
-    }
-
-    /// First word of the voxel's summary and curtains, if it has curtains.
-    #[inline]
-    fn curtains_at(&self) -> Option<usize> {
-        let has_some = self.words.get(2).is_some_and(|word| Coded::has_curtains(*word));
-        has_some.then(|| self.block.curtains_at() + self.words[3] as usize)
-    }
-
-    /// The bits of all parts that the voxel's curtains show, if it has curtains.
-    pub fn shown(&self) -> Option<u32> {
-        self.curtains_at().map(|at| self.block.words[at + 1])
-    }
-
-    /// The words of the voxel's curtains.
-    pub fn curtains(&self) -> impl Iterator<Item = [u32; CURTAIN_WORDS]> + use<'a> {
-        let (words, mut at) = (self.block.words, self.curtains_at().map(|at| at + 2));
-        std::iter::from_fn(move || {
-            let [a, b, c] = *words[at?..].first_chunk()?;
-            at = if Curtain::is_last(a) { None } else { at.map(|at| at + CURTAIN_WORDS) };
-            Some([a, b, c])
-        })
-    }
-
-    /// The words of the sample that the voxel shows to an eye in direction `to_eye`, a unit vector, and its part, if a
-    /// curtain hides the cell from there.
-    #[inline]
-    pub fn curtain(&self, to_eye: Vec3) -> Option<([u32; 2], u32)> {
-        self.curtains().find(|words| curtain_from(words[0], to_eye)).map(Curtain::shown)
     }
 }
 

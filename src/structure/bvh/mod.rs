@@ -13,6 +13,7 @@ pub(in crate::structure) mod normals;
 pub mod open;
 pub mod trace;
 mod validate;
+mod voxel;
 
 pub use decoder::{BvhDecoder, block_parts, check_links, entered_blocks, holders, leaves_at};
 pub use validate::validate;
