@@ -94,13 +94,11 @@ fn options_out_of_range_are_refused() {
 }
 
 /// Rays with cones find the same stand-ins, at the same places and with the same bounds; only the look differs. Exact
-/// rays find the same.
+/// rays find the same. (Of one part: voxels of several parts also say which part is seen from where.)
 #[test]
 fn only_the_look_differs() {
-    let parts = [
-        Part::white(1, scenes::bumpy_sphere(120, 160, 3)),
-        Part { id: 2, ..Part::white(2, scenes::cuboid(DVec3::splat(-1.5), DVec3::new(1.5, 1.5, -1.0))) },
-    ];
+    let cuboid = scenes::cuboid(DVec3::splat(-1.5), DVec3::new(1.5, 1.5, -1.0));
+    let parts = [Part::white(1, [scenes::bumpy_sphere(120, 160, 3), cuboid].concat())];
     let hits = |kind, cone| {
         let built = of(&parts, BuildOptions { proxy_rays: 64, proxy_triangles: 20, ..options(kind) });
         let (scene, _) = built::scene(&built::context(1), &built);

@@ -9,7 +9,7 @@
 
 use super::coded::{Coded, octahedral};
 use super::voxel::{Sum, summary_bit};
-use glam::Vec3;
+use glam::{Mat3, Vec3};
 
 /// Words of a curtain.
 pub const CURTAIN_WORDS: usize = 3;
@@ -32,6 +32,8 @@ const ZERO: f32 = 0.414_213_56;
 const BESIDE: f32 = 0.3;
 /// A curtain hides the cell for at least this share of all lines, or it is left out.
 const GAIN: f32 = 0.1;
+/// Steps that find the axis of normals.
+const STEPS: usize = 12;
 /// Parts that are told apart; the cell's own one comes first.
 const TOLD: usize = 8;
 /// Least likeness that is stored: that of a sphere.
@@ -57,7 +59,7 @@ pub struct FirstHit {
 pub struct Curtain {
     /// The directions to the eye: bit `i` for direction `i`.
     from: u32,
-    /// Mean of the unit normals, each turned to the eye. The more the normals differ, the shorter it is.
+    /// The axis of the normals. The more they differ, the shorter it is.
     normal: Vec3,
     /// Linear colour.
     colour: Vec3,
@@ -120,9 +122,9 @@ impl Curtain {
     }
 }
 
-/// Gives a voxel curtains, given what lines through its region meet first. The colours of a cell of several parts become
-/// those of what is met first from the directions that no curtain hides. Returns true if the voxel has changed, and the share of the lines that
-/// meet another part first than the one that the voxel now shows to them.
+/// Gives a voxel curtains, given what lines through its region meet first. The colours of a cell of several parts
+/// become those of what is met first from the directions that no curtain hides. Returns true if the voxel has changed,
+/// and the share of the lines that meet another part first than the one that the voxel now shows to them.
 pub fn hang_curtains(hits: &[FirstHit], voxel: &mut Coded) -> (bool, f32) {
     let (own, is_mixed) = Coded::part(voxel.words[2]);
     let (curtains, shown) = curtains(own, hits);
@@ -217,14 +219,38 @@ fn gains(parts: &[u32], hits: &[FirstHit], shown: &[usize; DIRECTIONS]) -> [f32;
 /// Returns the curtain of part `i`; `None` if no line comes from its directions.
 fn hang(parts: &[u32], i: usize, hits: &[FirstHit], shown: &[usize; DIRECTIONS]) -> Option<Curtain> {
     let from = (0..DIRECTIONS).filter(|at| shown[*at] == i).fold(0, |all, at| all | 1 << at);
-    let (mut sum, mut summary) = (Sum::default(), summary_bit(parts[i]));
+    let (mut sum, mut summary, mut normals) = (Sum::default(), summary_bit(parts[i]), Mat3::ZERO);
     for hit in hits.iter().filter(|hit| curtain_from(from, hit.from)) {
-        let normal = if hit.normal.dot(hit.from) < 0.0 { -hit.normal } else { hit.normal };
-        sum.add(normal, hit.colour, hit.weight);
+        sum.add(Vec3::ZERO, hit.colour, hit.weight);
+        normals += Mat3::from_cols(hit.normal * hit.normal.x, hit.normal * hit.normal.y, hit.normal * hit.normal.z)
+            * hit.weight;
         summary |= summary_bit(hit.part);
     }
     let mean = sum.mean(1.0);
-    (mean.cover > 0.0).then_some(Curtain { from, normal: mean.normal, colour: mean.colour, part: parts[i], summary })
+    (mean.cover > 0.0).then_some(Curtain {
+        from,
+        normal: axis_of(&normals),
+        colour: mean.colour,
+        part: parts[i],
+        summary,
+    })
+}
+
+/// Returns the axis that best describes normals of which `normals` is the weighted sum of n n'. Its length is their
+/// likeness: 1 if all are parallel, 2/3 if they favour no direction (as `likeness` in `coded.rs`). Normals have no sign
+/// here: a plate is seen from both sides.
+fn axis_of(normals: &Mat3) -> Vec3 {
+    let all = normals.x_axis.x + normals.y_axis.y + normals.z_axis.z;
+    let columns = [normals.x_axis, normals.y_axis, normals.z_axis];
+    let first =
+        columns.into_iter().fold(Vec3::ZERO, |a, b| if b.length_squared() > a.length_squared() { b } else { a });
+    // Squaring the matrix instead would underflow: a few steps of power iteration are enough for a byte.
+    let mut axis = first.normalize_or(Vec3::Z);
+    for _ in 0..STEPS {
+        axis = (*normals * axis).normalize_or(axis);
+    }
+    let share = axis.dot(*normals * axis) / all;
+    axis * if share.is_finite() { 0.5 + 0.5 * share } else { LEAST_LIKENESS }
 }
 
 #[cfg(test)]
@@ -280,7 +306,7 @@ mod tests {
             let (sample, part) = Curtain::shown(curtains[0]);
             prop_assert_eq!(part, 9);
             prop_assert!(stored_colour(sample[1]).distance(WHITE) < 0.3);
-            prop_assert!(stored_normal(sample[0]).dot(out) > 0.95 && stored_likeness(sample[0]) > 0.75);
+            prop_assert!(stored_normal(sample[0]).dot(out).abs() > 0.95 && stored_likeness(sample[0]) > 0.85);
             // Between directions that one bit covers the answer may be either.
             for to_eye in all_around(500).filter(|to| to.dot(out).abs() > 0.6) {
                 prop_assert_eq!(curtain_from(curtains[0][0], to_eye), to_eye.dot(out) > 0.0, "{}", to_eye);
@@ -291,6 +317,22 @@ mod tests {
         fn any_vector_has_a_direction(x: f32, y: f32, z: f32) {
             prop_assert!(direction(Vec3::new(x, y, z)) < DIRECTIONS);
         }
+    }
+
+    /// Of parallel normals the axis is theirs and the likeness 1, whatever their signs; of all directions 2/3.
+    #[test]
+    fn axes_of_normals() {
+        let sum = |normals: &[Vec3]| {
+            normals.iter().fold(Mat3::ZERO, |all, n| all + Mat3::from_cols(*n * n.x, *n * n.y, *n * n.z))
+        };
+        let n = Vec3::new(2.0, -1.0, 2.0) / 3.0;
+        let plate = axis_of(&sum(&[n, -n, n]));
+        assert!((plate.dot(n).abs() - 1.0).abs() < 1e-5 && (plate.length() - 1.0).abs() < 1e-5);
+        let sphere = axis_of(&sum(&all_around(2000).collect::<Vec<_>>()));
+        assert!((sphere.length() - LEAST_LIKENESS).abs() < 0.01, "{sphere}");
+        let edge = axis_of(&sum(&[Vec3::X, Vec3::X, Vec3::Y]));
+        assert!((edge.x.abs() - (0.5 + 0.5 * 2.0 / 3.0)).abs() < 1e-3, "{edge}");
+        assert!((axis_of(&Mat3::ZERO).length() - LEAST_LIKENESS).abs() < 1e-6);
     }
 
     #[test]

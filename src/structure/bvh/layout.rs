@@ -431,7 +431,7 @@ impl<'a> Block<'a> {
     /// The voxels of all children, in order.
     pub fn all_voxels(&self) -> impl Iterator<Item = StoredVoxel<'a>> + use<'a> {
         let block = *self;
-        (0..block.voxels()).map(move |i| StoredVoxel::new(block.voxel_at(i), block))
+        (0..block.voxels()).map(move |i| StoredVoxel::new(block, i))
     }
 
     /// The voxel of the child in `slot` of node `index`.
@@ -439,7 +439,7 @@ impl<'a> Block<'a> {
     pub fn voxel(&self, index: usize, slot: usize) -> StoredVoxel<'a> {
         let first = self.words[self.words[4] as usize + index] as usize;
         let before = u32::from(self.node(index).valid) & ((1 << slot) - 1);
-        StoredVoxel::new(self.voxel_at(first + before.count_ones() as usize), *self)
+        StoredVoxel::new(*self, first + before.count_ones() as usize)
     }
 
     /// The node at `index`.

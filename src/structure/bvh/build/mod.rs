@@ -3,9 +3,9 @@
 //! A mesh is built in one or more **chunks**, each in memory. A [`Chunk`] yields its fine and leaf blocks and a
 //! [`Top`]; the [`UpperTree`] over all tops yields the coarse blocks. Steps: `refs` (one box per triangle), `sah` and
 //! `spatial` (where to split the set, or space), `tree` (wide nodes), `small` and `collapse` (wide nodes of small
-//! subtrees, and leaves), `coverage` (shares of rays that cells stop), `seen` (what cells show of other parts) or `proxies`
-//! (looks of subtrees), `cluster` (assignment of nodes to blocks), `join` (one tree from several), `encode` (trace form).
-//! The result depends only on the input and the options, never on the number of threads.
+//! subtrees, and leaves), `coverage` (shares of rays that cells stop), `seen` (what cells show of other parts) or
+//! `proxies` (looks of subtrees), `cluster` (assignment of nodes to blocks), `join` (one tree from several), `encode`
+//! (trace form). The result depends only on the input and the options, never on the number of threads.
 
 mod bake;
 mod chop;

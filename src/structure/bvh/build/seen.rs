@@ -1,12 +1,14 @@
 //! Samples what is seen of each cell's region from outside, where the region holds surface of other parts too.
 //!
-//! The look of a cell is first composited from the samples of its own triangles (`lod::Voxel`). Where surfaces of several
-//! parts lie in one region, such as the ribs and the skin of a hull, lines through the region decide what each side
-//! shows from which direction: the surface that they meet first, of all surface in the region (`lod::Curtain`). Sources:
-//! Áfra 2012, section 4.2; Wald and others 2004, section 5.3.
+//! The look of a cell is first composited from the samples of its own triangles (`lod::Voxel`). Where surfaces of
+//! several parts lie in one region, such as the ribs and the skin of a hull, lines through the region decide what the
+//! cell shows from which direction: the surface that they meet first, of all surface in the region (`lod::Curtain`).
+//! Sources: Áfra 2012, section 4.2; Wald and others 2004, section 5.3.
 //!
 //! Cells of few references test all lines against lists of the references in their regions, which get shorter from node
-//! to node. Larger cells follow each line through the tree. See-through parts hide nothing: lines pass them. The result does not depend on the number of threads.
+//! to node. Larger cells follow each line through the tree. See-through parts hide nothing: lines pass them. Lines are
+//! traced in one chunk: cells over several chunks show what their children show. The result does not depend on the
+//! number of threads.
 
 use super::coverage::{inners, push_crossed};
 use super::lines::{Ends, Lines, Region, numbers};
@@ -26,9 +28,9 @@ const FIRST: usize = 3;
 /// Groups of eight lines through a cell.
 const GROUPS: usize = 8;
 /// A cell is unclear if more than this share of its lines meet another part first than the one that it shows to them.
-/// Unclear cells count with all of their area where they may stand in. (An airliner of a million triangles, whole, at 10
-/// and 30 pixels of error: 3.1 and 8.7 % of its pixels showed parts that are hidden there without this, 2.2 and 7.3 %
-/// with it; in the same time.)
+/// Unclear cells count with all of their area where they may stand in. (An airliner of a million triangles, whole, at
+/// 10 and 30 pixels of error: 3.1 and 8.7 % of its pixels showed parts that are hidden there without this, 2.2 and 7.3
+/// % with it; in the same time.)
 const UNCLEAR: f32 = 0.1;
 /// Greatest number of references of a cell that is sampled with a list of the references in its region.
 const LISTED: u32 = 2048;
@@ -237,7 +239,7 @@ impl<'a> Sampler<'a> {
     /// Samples all cells below a node, given the references in its box.
     #[inline(always)]
     fn below<S: Simd>(&mut self, s: S, inner: &'a InnerNode, listed: &[Listed]) {
-        // Recursion in a closure cannot be inlined: an explicit stack of lists.
+        // The nodes on the way down, each with its next slot and the references in its box.
         let mut open = vec![(inner, 0usize, listed.to_vec())];
         while let Some((inner, slot, listed)) = open.pop() {
             if slot >= inner.children.len() {

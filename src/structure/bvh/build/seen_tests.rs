@@ -156,7 +156,8 @@ fn cells_show_what_rays_meet_first() {
     });
     println!("{cells} cells, {with_curtains} with curtains: {:.3} right, {:.3} by their own", right / met, own / met);
     assert!(cells > 100 && with_curtains > 20);
-    // The rest are directions near edge-on to the skin, of which one bit covers both sides, and cells over several ribs.
+    // The rest are directions near edge-on to the skin, of which one bit covers both sides, and cells over several
+    // ribs.
     assert!((met - right) < 0.6 * (met - own), "{right}, {own} of {met}");
 }
 

@@ -27,13 +27,13 @@ impl<'a> TreeView<'a> {
         (is_whole, unseen): (bool, u32),
         out: &mut Cells<N>,
     ) -> u32 {
-        let mut at: [Option<(StoredVoxel, &Node, usize)>; N] = [None; N];
+        let mut at: [Option<(StoredVoxel, &Node)>; N] = [None; N];
         let mut gone = 0;
         (out.missing, out.inside, out.have_three, out.coloured) = (0, 0, 0, 0);
         (out.of_proxies, out.curtained) = (0, 0);
         for i in bits(rays) {
             let hit = hit(i);
-            at[i] = self.cell_at(&hit);
+            at[i] = self.cell_at(&hit).map(|(voxel, node, _)| (voxel, node));
             gone |= u32::from(at[i].is_none()) << i;
             if let (Some((voxel, ..)), Some(cell)) = (&at[i], hit.stand_in()) {
                 prefetch(voxel.words().as_ptr());
@@ -45,7 +45,8 @@ impl<'a> TreeView<'a> {
         }
         let whole = if is_whole { u32::MAX } else { out.inside };
         for i in bits(rays & !gone) {
-            let Some((voxel, node, slot)) = &at[i] else { continue };
+            let (Some((voxel, node)), Some(cell)) = (&at[i], hit(i).stand_in()) else { continue };
+            let (_, slot) = place_of(cell);
             (out.firsts[0][i], out.seconds[0][i]) = (voxel.words()[0], voxel.words()[1]);
             (out.part[i], _) = voxel.part();
             out.coloured |= u32::from(voxel.has_colours()) << i;
@@ -54,11 +55,11 @@ impl<'a> TreeView<'a> {
             let is_whole = whole >> i & 1 == 1;
             if is_whole {
                 // The level is in the other cache line of the node.
-                out.level[i] = node.level(*slot);
+                out.level[i] = node.level(slot);
             }
             if is_whole || has_sides || is_along_axes {
                 for row in 0..6 {
-                    out.bounds[row][i] = node.stored_plane(row, *slot);
+                    out.bounds[row][i] = node.stored_plane(row, slot);
                 }
             }
             if voxel.shown().is_some_and(|shown| shown & unseen == 0) {
