@@ -137,12 +137,14 @@ impl Coded {
         self.sides = None;
     }
 
-    /// Words of the voxel.
+    /// Words of the voxel, without its curtains.
     pub fn len(&self) -> usize {
-        let sides = if self.sides.is_some() { SIDES_WORDS } else { 0 };
-        // One more word is the voxel's own summary.
-        let curtains = if self.curtains.is_empty() { 0 } else { 1 + self.curtains.len() };
-        VOXEL_WORDS + sides + curtains
+        VOXEL_WORDS + if self.sides.is_some() { SIDES_WORDS } else { 0 }
+    }
+
+    /// Words of its curtains, with two summaries.
+    pub fn curtain_words(&self) -> usize {
+        if self.curtains.is_empty() { 0 } else { 1 + self.curtains.len() }
     }
 
     /// Always false.

@@ -15,8 +15,6 @@ use glam::{Mat3, Vec3};
 pub const CURTAIN_WORDS: usize = 3;
 /// Greatest number of curtains of a cell.
 const MOST: usize = 4;
-/// Greatest number of words of a cell's curtains, with two summaries.
-pub const MOST_CURTAIN_WORDS: usize = 2 + MOST * CURTAIN_WORDS;
 /// Flag in the first word: no further curtain follows.
 const LAST: u32 = 1 << 31;
 /// First bit of the likeness in the first word.

@@ -21,7 +21,7 @@ pub use coded::{
     Coded, SAMPLE_BYTES, SIDES_WORDS, TRANSMITTING_LEVEL, VOXEL_WORDS, stop_bits, stopped, stored_colour,
     stored_likeness, stored_normal,
 };
-pub use curtain::{CURTAIN_WORDS, Curtain, FirstHit, MOST_CURTAIN_WORDS, curtain_from, hang_curtains};
+pub use curtain::{CURTAIN_WORDS, Curtain, FirstHit, curtain_from, hang_curtains};
 pub use fill::{Fill, LEAST, LESS, holds, limit, sure_from};
 pub use oriented_slabs::{
     Content, FIELDS, LEVEL, Middle, OrientedSlab, OrientedSlabs, fields, normal_bytes, oriented_slabs,

@@ -66,7 +66,7 @@ pub struct Home {
 
 /// Returns the only block of a tree that fits one; fails with the tree if it does not.
 pub fn whole(root: Box<InnerNode>, input: TreeInput, refs: &[Ref]) -> Result<Plan, Box<InnerNode>> {
-    let words = Plan::EMPTY_WORDS as usize + root.words as usize;
+    let words = (Plan::EMPTY_WORDS + root.words + root.curtain_words()) as usize;
     // Finding the parts of a large tree takes long, and the result is known.
     if words > MAX_WORDS {
         return Err(root);
@@ -101,7 +101,7 @@ pub fn coarse(mut root: Box<InnerNode>, fine: &[Home]) -> Vec<Plan> {
     // Plans of each round, and the number of its first unit.
     let mut rounds: Vec<(Vec<Plan>, usize)> = Vec::new();
     let mut homes = Vec::new();
-    while (Plan::EMPTY_WORDS + root.words) as usize > MAX_WORDS {
+    while (Plan::EMPTY_WORDS + root.words + root.curtain_words()) as usize > MAX_WORDS {
         let (mut units, first) = (Vec::new(), fine.len() + homes.len());
         cut(&mut root, COARSE_WORDS, first as u32, &mut units);
         let needs: Vec<Needs> = units.iter().map(|unit| Needs::of(unit)).collect();
@@ -164,7 +164,8 @@ impl Needs {
     /// Measures a unit, without its parts.
     fn of(unit: &InnerNode) -> Self {
         let of_leaves = unit.leaf_words();
-        Self { parts: Vec::new(), nodes: unit.nodes(), of_nodes: unit.words - of_leaves, of_leaves }
+        let of_nodes = unit.words - of_leaves + unit.curtain_words();
+        Self { parts: Vec::new(), nodes: unit.nodes(), of_nodes, of_leaves }
     }
 }
 

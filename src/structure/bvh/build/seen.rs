@@ -109,7 +109,7 @@ fn gather<'a>(inner: &'a InnerNode, out: &mut Vec<Work<'a>>) {
     }
 }
 
-/// Assigns samples to cells, each before those below it. Also updates the sizes of nodes.
+/// Assigns samples to cells, each before those below it.
 fn apply(inner: &mut InnerNode, found: &mut impl Iterator<Item = Found>) {
     for (slot, (voxel, sub)) in inner.children.iter_mut().enumerate() {
         let Found { voxel: new, is_unclear } = found.next().unwrap_or_default();
@@ -123,7 +123,6 @@ fn apply(inner: &mut InnerNode, found: &mut impl Iterator<Item = Found>) {
             apply(below, found);
         }
     }
-    inner.measure();
 }
 
 /// A reference in a region.

@@ -154,7 +154,7 @@ impl Binary {
             pieces.push(piece);
             counts.add_below(below);
         }
-        let wrapped = wrap_leaves(&mut pieces, builder.grows);
+        let wrapped = wrap_leaves(&mut pieces);
         counts.nodes += wrapped;
         counts.depth = counts.depth.max(1 + u32::from(wrapped > 0)) + 1;
         (pieces, counts)

@@ -10,7 +10,7 @@ use super::small::{self, SMALL};
 use super::spatial::{self, SpatialSplit};
 use crate::base::error::Result;
 use crate::base::progress::Stretch;
-use crate::lod::{Coded, Content, Facet, Fill, MOST_CURTAIN_WORDS, SIDES_WORDS, VOXEL_WORDS, Voxel};
+use crate::lod::{Coded, Content, Facet, Fill, SIDES_WORDS, VOXEL_WORDS, Voxel};
 use crate::math::Bounds;
 use crate::structure::bake::{Counts, TreeInput};
 use crate::structure::bvh::layout::{EXTERNAL_WORDS, MAX_TRIANGLES, NODE_WORDS, Node, WIDTH};
@@ -40,7 +40,8 @@ pub struct InnerNode {
     pub node: Node,
     /// Each child with its voxel, in the order of the node's slots.
     pub children: Vec<(Coded, Sub)>,
-    /// Number of words of everything below in its block, itself included.
+    /// Number of words of everything below in its block, itself included, without curtains: these come late, and do not
+    /// change how a tree is divided.
     pub words: u32,
     /// Place of each child among treelets, in the order of the slots.
     pub places: [Place; WIDTH],
@@ -92,21 +93,7 @@ impl Sub {
             Sub::Placed(_) => EXTERNAL_WORDS as u32,
         }
     }
-
-    /// The same number if all cells below had samples of all sides; or any number above [`FINE_WORDS`].
-    fn most_words(&self) -> u32 {
-        match self {
-            Sub::InnerNode(inner) if inner.words <= FINE_WORDS => {
-                let below = inner.children.iter().map(|(_, sub)| MOST_VOXEL + sub.most_words());
-                NODE_WORDS as u32 + 1 + below.sum::<u32>()
-            }
-            sub => sub.words(),
-        }
-    }
 }
-
-/// Greatest number of words of a voxel with all its samples.
-const MOST_VOXEL: u32 = (VOXEL_WORDS + SIDES_WORDS + MOST_CURTAIN_WORDS) as u32;
 
 impl InnerNode {
     /// Number of inner nodes in its block: itself, and those below.
@@ -116,6 +103,14 @@ impl InnerNode {
             _ => 0,
         });
         1 + below.sum::<u32>()
+    }
+
+    /// Number of words of the curtains in its block.
+    pub fn curtain_words(&self) -> u32 {
+        let below = self.children.iter().map(|(voxel, c)| {
+            voxel.curtain_words() as u32 + if let Sub::InnerNode(inner) = c { inner.curtain_words() } else { 0 }
+        });
+        below.sum()
     }
 
     /// Number of words of the leaves in its block.
@@ -189,8 +184,6 @@ pub struct Builder<'a> {
     pub par: &'a Par,
     stretch: &'a Stretch<'a>,
     mesh_half_area: f32,
-    /// True if the triangles are of several parts: cells may then get samples of their sides later.
-    pub grows: bool,
 }
 
 /// A range of references that becomes a node.
@@ -212,25 +205,16 @@ pub fn build(input: TreeInput, room: &mut [Ref], mesh_half_area: f32, par: &Par,
     let len = input.triangles.len();
     let extents = Extents::of(&room[..len], par);
     let bounds = extents.bounds();
-    let builder = Builder {
-        input,
-        par,
-        stretch,
-        mesh_half_area: bounds.half_area().max(mesh_half_area),
-        grows: input.has_several_parts(),
-    };
+    let builder = Builder { input, par, stretch, mesh_half_area: bounds.half_area().max(mesh_half_area) };
     let (children, counts) = builder.children(Range { room, len, first: 0, extents }, 1)?;
     Ok(Built { children, bounds, counts })
 }
 
 /// Puts a node of its own over each leaf of a node that stays above the fine units: coarse blocks hold no triangles.
 /// Returns the number of these nodes.
-///
-/// `grows`: cells may get samples of their sides later ([`super::seen`]).
-pub fn wrap_leaves(pieces: &mut Vec<Piece>, grows: bool) -> u64 {
+pub fn wrap_leaves(pieces: &mut Vec<Piece>) -> u64 {
     // An upper bound: the numbers of samples are not known yet.
-    let of_sub = |sub: &Sub| if grows { sub.most_words() } else { sub.words() };
-    let words = pieces.iter().map(|p| MOST_VOXEL + of_sub(&p.sub));
+    let words = pieces.iter().map(|p| p.sub.words() + (VOXEL_WORDS + SIDES_WORDS) as u32);
     if NODE_WORDS as u32 + 1 + words.sum::<u32>() <= FINE_WORDS {
         return 0;
     }
