@@ -82,19 +82,26 @@ struct Light {
     all: Colours,
 }
 
+/// Returns a default value in memory of its own. It is not inlined: the values, of many kilobytes each, are made on the
+/// stack first, and there one takes the place of the other.
+#[inline(never)]
+fn boxed<T: Default>() -> Box<T> {
+    Box::default()
+}
+
 impl Scratch {
     pub fn new() -> Self {
         Self {
             rays: Box::new(CameraPacket::NONE),
             rest: None,
             begun: Begun::default(),
-            packet: Box::default(),
-            group: Box::default(),
+            packet: boxed(),
+            group: boxed(),
             found: Box::new([Found::nothing(0.0); PACKET]),
-            seen: Box::default(),
-            surfaces: Box::default(),
-            shading: Box::default(),
-            shadow: Box::default(),
+            seen: boxed(),
+            surfaces: boxed(),
+            shading: boxed(),
+            shadow: boxed(),
             light: Box::new(Light { colour: [[0.0; PACKET]; 3], through: [1.0; PACKET], all: [[0.0; PACKET]; 5] }),
             wants: Wants::default(),
             first: First::NOTHING,
