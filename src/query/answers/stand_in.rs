@@ -59,7 +59,8 @@ impl<const N: usize> StandIns<N> {
 
     /// Loads the stand-ins that `rays` hit in the placed `tree`; `dir` gives the rays' directions in the world. Returns
     /// the rays whose stand-ins' blocks have left the snapshot. `is_whole` requests the data that [`StandIns::error`]
-    /// needs.
+    /// needs. (Not inlined: its arrays would lie on the stack below deeper calls of its callers.)
+    #[inline(never)]
     pub fn look(
         &mut self,
         at: &InTree,
