@@ -49,6 +49,7 @@ pub(super) struct Tally {
 }
 
 impl TilePixels {
+    #[inline(never)] // its arrays would lie on the stack below all calls of its caller
     pub fn new() -> Self {
         Self {
             width: 0,

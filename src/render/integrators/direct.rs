@@ -90,6 +90,7 @@ fn boxed<T: Default>() -> Box<T> {
 }
 
 impl Scratch {
+    #[inline(never)] // as `boxed`
     pub fn new() -> Self {
         Self {
             rays: Box::new(CameraPacket::NONE),
