@@ -33,6 +33,8 @@ pub(super) struct TilePixels {
     error: Box<[f32; PIXELS]>,
     shading_normal: Box<[[f32; 3]; PIXELS]>,
     quality: Quality,
+    /// Sums of the samples of each packet. (On the stack they would take a third of what calls may take.)
+    sums: Vec<Colours>,
 }
 
 /// Counts and errors that a tile contributes to the status.
@@ -65,6 +67,7 @@ impl TilePixels {
             error: Box::new([0.0; PIXELS]),
             shading_normal: Box::new([[0.0; 3]; PIXELS]),
             quality: Quality::new(),
+            sums: Vec::new(),
         }
     }
 
@@ -109,12 +112,28 @@ impl TilePixels {
         scratch: &mut Scratch,
         stop: impl Fn() -> bool,
     ) -> Option<Tally> {
+        let mut sums = std::mem::take(&mut self.sums);
+        sums.clear();
+        sums.resize(PACKETS, [[0.0; PACKET]; 5]);
+        let tally = self.render_samples(integrator, (x, y), only, wanted, (scratch, &mut sums), stop);
+        self.sums = sums;
+        tally
+    }
+
+    fn render_samples(
+        &mut self,
+        integrator: &Integrator,
+        (x, y): (u32, u32),
+        only: Range<usize>,
+        wanted: Outputs,
+        (scratch, sums): (&mut Scratch, &mut [Colours]),
+        stop: impl Fn() -> bool,
+    ) -> Option<Tally> {
         let picture = integrator.picture();
         let (width, height) = picture.size;
         self.width = (width - x).min(TILE);
         self.height = (height - y).min(TILE);
         let mut tally = Tally::default();
-        let mut sums = [[[0.0; PACKET]; 5]; PACKETS];
         let (width, height) = (self.width, self.height);
         let patch = |i: usize| {
             let [first, end] = [only.start, only.end].map(|at| at.clamp(i * PACKET, (i + 1) * PACKET) - i * PACKET);
@@ -193,7 +212,7 @@ impl TilePixels {
             let of = |pixels: u32| (pixels >> from.start & ((1 << from.len()) - 1)) << shift;
             quality.rendered[row] |= of(u32::MAX);
             quality.hits[row] |= of(first.met);
-            quality.lod[row] |= of((first.lod | first.transmitted) & !first.missing);
+            quality.lod[row] |= of((first.lod | first.behind_cells) & !first.missing);
             quality.missing[row] |= of(first.missing);
             bits(of(first.inexact) >> shift)
                 .for_each(|i| quality.error_px[to.start + i] = first.error_px[from.start + i]);
@@ -262,7 +281,7 @@ impl Tally {
     /// Adds the `active` pixels of a packet.
     fn count(&mut self, active: u32, first: &First) {
         let count = |pixels: u32| u64::from((pixels & active).count_ones());
-        let lod = (first.lod | first.transmitted) & !first.missing;
+        let lod = (first.lod | first.behind_cells) & !first.missing;
         self.exact += count(!(lod | first.missing));
         self.lod += count(lod);
         self.missing += count(first.missing);
