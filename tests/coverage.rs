@@ -25,7 +25,7 @@ fn alone(view: &TreeView, filter: Option<&PartFilter>, rays: &[Ray32]) -> Vec<Sa
     let each = |ray: &Ray32| {
         walk.begin(view, &trees::local(ray));
         assert_eq!(view.closest(filter, &mut walk), Outcome::Done);
-        said(walk.best(), walk.transmitted())
+        said(walk.best(), walk.first_cell())
     };
     rays.iter().map(each).collect()
 }
@@ -35,7 +35,7 @@ fn together(view: &TreeView, filter: Option<&PartFilter>, rays: &[Ray32]) -> Vec
     for rays in rays.chunks(PACKET) {
         trees::begin_together(view, rays, &mut walk);
         assert_eq!(view.closest_together(filter, &mut walk), Outcome::Done);
-        all.extend((0..rays.len()).map(|i| said(walk.best(i), walk.transmitted()[i])));
+        all.extend((0..rays.len()).map(|i| said(walk.best(i), walk.first_cell()[i])));
     }
     all
 }
@@ -52,7 +52,7 @@ fn side_by_side(view: &TreeView, filter: Option<&PartFilter>, rays: &[Ray32]) ->
         all.extend(
             hits.iter()
                 .enumerate()
-                .map(|(i, hit)| said(if hit.is_hit() { *hit } else { far(i) }, stream.transmitted()[i])),
+                .map(|(i, hit)| said(if hit.is_hit() { *hit } else { far(i) }, stream.first_cell()[i])),
         );
     }
     all

@@ -1,7 +1,6 @@
-//! Second walks for rays that need more than their first walk: the hit within a ray's exact interval, and the distance
-//! up to which the ray is free.
+//! Second walks for rays that need more than their first walk: the hit within a ray's exact interval.
 
-use super::answers::{answer_one, is_within, meet};
+use super::answers::{answer_one, is_within, meet, missed};
 use super::hit::{Hit, Want};
 use crate::math::Ray;
 use crate::scene::placed::Placed;
@@ -16,14 +15,14 @@ pub(super) fn begin_past(view: &SceneView, ray: &Ray) -> SceneWalk {
     walk
 }
 
-/// True if a stand-in transmitted the ray before its `t_min`: the triangles below it were not tested, and some may lie
+/// True if the ray entered a stand-in before its `t_min`: the triangles below it were not tested, and some may lie
 /// within the interval.
 #[inline(always)]
 pub(super) fn is_early(view: &SceneView, ray: &Ray, found: &Found) -> bool {
-    view.widen_interval && found.transmitted < ray.t_min
+    view.widen_interval && found.first_cell.t < ray.t_min
 }
 
-/// Continues the walk of a ray whose first walk found a hit, or was transmitted, outside of its interval. This walk
+/// Continues the walk of a ray whose first walk found a hit, or entered a stand-in, outside of its interval. This walk
 /// tests each hit in double precision, and fills `found` and `hit` with the first hit within the interval, or with any
 /// such hit if `any`. Fails with the block that the walk needs to continue. Typical rays begin at a surface, to peel
 /// off layer after layer, or end there.
@@ -37,7 +36,6 @@ pub(super) fn past(
     found: &mut Found,
     hit: &mut Hit,
 ) -> Result<(), Need> {
-    *hit = Hit::MISS;
     let judge = Judge { placed: &view.scene.placement.placed, ray };
     let view = SceneView { within: Some(&judge), ..*view };
     let step = if any { view.trace::<true>(ray, walk) } else { view.trace::<false>(ray, walk) };
@@ -45,6 +43,7 @@ pub(super) fn past(
         return Err(need);
     }
     *found = walk.best();
+    *hit = missed(&view, ray, found, want);
     if found.is_hit() {
         let is_within = answer_one(&view, ray, found, want, hit)?;
         debug_assert!(is_within, "{ray:?}: {found:?}");
@@ -69,34 +68,4 @@ impl Ends for Judge<'_> {
     fn is_beyond(&self, t: f64) -> bool {
         t > self.ray.t_max
     }
-}
-
-/// Begins a walk for [`free`].
-#[cold]
-pub(super) fn begin_free(view: &SceneView, ray: &Ray) -> SceneWalk {
-    let mut walk = SceneWalk::default();
-    walk.begin(&solid(view), ray);
-    walk
-}
-
-/// The view with stand-ins that transmit no ray. It does not widen intervals: a surface slightly before the ray's begin
-/// must not count as the first one.
-fn solid<'a>(view: &SceneView<'a>) -> SceneView<'a> {
-    SceneView { opaque_cells: true, widen_interval: false, ..*view }
-}
-
-/// Continues the walk of a ray that stand-ins had transmitted, now with stand-ins that transmit no ray, and lowers
-/// `t_free` to that of its hit. Fails with the block that the walk needs to continue.
-#[cold]
-pub(super) fn free(view: &SceneView, ray: &Ray, walk: &mut SceneWalk, hit: &mut Hit) -> Result<(), Need> {
-    let view = solid(view);
-    if let Step::Pending(need) = view.trace::<false>(ray, walk) {
-        return Err(need);
-    }
-    let (found, mut first) = (walk.best(), Hit::MISS);
-    if found.is_hit() {
-        answer_one(&view, ray, &found, Want::ERROR, &mut first)?;
-    }
-    hit.t_free = hit.t_free.min(first.t_free);
-    Ok(())
 }

@@ -1,9 +1,9 @@
 //! The rays that a worker answers at a time, and the groups of them that must wait for blocks.
 
-use super::answers::{InTree, Rest, Seen, answer_one, lacking, promise_nothing};
+use super::answers::{InTree, Rest, Seen, answer_one, lacking, missed, promise_nothing};
 use super::asks::Asks;
 use super::batch::{Hits, Policy, Rays};
-use super::beyond::{begin_free, begin_past, free, is_early, past};
+use super::beyond::{begin_past, is_early, past};
 use super::hit::{Hit, HitKind, Want};
 use super::parked::Waits;
 use crate::math::{PACKET, Ray, STREAM, bits, first_rays};
@@ -161,15 +161,20 @@ impl Chunk {
         hits: &impl Hits,
     ) {
         let found = self.stream.hits_from(group.start);
-        let [met, transmitted] = if task.any {
+        let [met, entered] = if task.any {
             found.met::<true>(rays, view.widen_interval)
         } else {
             found.met::<false>(rays, view.widen_interval)
         };
         let is_whole = !self.unfinished.iter().any(|&i| group.contains(&(i as usize)));
+        let is_early = |i: usize| view.widen_interval && found.first_cell(i, placed).t < rays[i].t_min;
         let first = self.firsts[group.start / PACKET];
-        if is_whole && transmitted == 0 {
-            let out = self.answers.begin(met, 0);
+        if is_whole && !bits(entered).any(is_early) {
+            let misses = if task.want.has(Want::ERROR) { entered & !met } else { 0 };
+            let out = self.answers.begin(met, misses);
+            for i in bits(misses) {
+                out[i] = missed(view, &rays[i], &found.found(i, placed, &rays[i], false), task.want);
+            }
             let rest = if met == 0 {
                 Rest::default()
             } else {
@@ -214,9 +219,7 @@ impl Chunk {
         let Some(met) = met else { return false };
         if let Ok(met) = met {
             let is_early = view.widen_interval && !alike.is_exact() && self.group.passes_early(rays);
-            let asks_free = task.want.has(Want::ERROR) && self.group.have_transmitted() != 0;
             if !is_early
-                && !asks_free
                 && let Some(only) = self.group.only()
                 && self.answer_in_one(view, task.want, only, rays, met).is_none()
             {
@@ -243,7 +246,9 @@ impl Chunk {
     /// Computes the answers of a group that went through one placed tree. Rays of `met` hit something.
     fn answer_in_one(&mut self, view: &SceneView, want: Want, placed: u32, rays: &[Ray], met: u32) -> Rest {
         let Self { seen, group, answers, .. } = self;
-        let out = answers.begin(met, 0);
+        let misses = if want.has(Want::ERROR) { group.behind_cells() & !met & first_rays(rays.len()) } else { 0 };
+        let out = answers.begin(met, misses);
+        bits(misses).for_each(|i| out[i] = missed(view, &rays[i], &group.found(i, false), want));
         if met == 0 { Rest::default() } else { seen.answer(&InTree::new(view, placed), want, rays, &*group, met, out) }
     }
 
@@ -314,12 +319,13 @@ fn hits_of(found: &[Found]) -> u32 {
     found.iter().enumerate().fold(0, |all, (i, found)| all | u32::from(found.is_hit()) << i)
 }
 
-/// The rays that stand-ins transmitted.
-fn passed_by(found: &[Found]) -> u32 {
-    found.iter().enumerate().fold(0, |all, (i, found)| all | u32::from(found.has_transmitted()) << i)
+/// The rays that hit nothing, but entered stand-ins.
+fn missed_behind_cells(found: &[Found]) -> u32 {
+    let is_one = |found: &Found| !found.is_hit() && found.is_behind_cell();
+    found.iter().enumerate().fold(0, |all, (i, found)| all | u32::from(is_one(found)) << i)
 }
 
-/// The rays that stand-ins transmitted before their intervals.
+/// The rays that entered stand-ins before their intervals.
 fn early(view: &SceneView, rays: &[Ray], found: &[Found]) -> u32 {
     rays.iter()
         .zip(found)
@@ -363,9 +369,10 @@ fn finish_group(
 ) {
     let met = met & first_rays(rays.len());
     let waits = waiting.iter().fold(0, |all, it| all | 1 << it.ray);
-    let transmitted = if task.want.has(Want::ERROR) { passed_by(found) } else { 0 };
-    let more = (transmitted | early(view, rays, found) & !short) & !waits;
-    let hits = answers.begin(met, more | short);
+    let more = early(view, rays, found) & !short & !waits;
+    let misses = if task.want.has(Want::ERROR) { missed_behind_cells(found) & !waits } else { 0 };
+    let hits = answers.begin(met, more | short | misses);
+    bits(misses).for_each(|i| hits[i] = missed(view, &rays[i], &found[i], task.want));
     let rest = answer_by_trees(view, task.want, rays, found, met & !more, seen, hits);
     for i in bits(rest.lacking) {
         match task.policy {
@@ -381,7 +388,6 @@ fn finish_group(
         match (go_on(view, task, &rays[i], &mut left, &mut found, &mut hits[i]), task.policy, &left) {
             (Ok(()), ..) => {}
             (Err(need), Policy::Exact, _) => waiting.push(Waiting { ray: i, left, asks: Asks::of(need) }),
-            (Err(_), Policy::Now, Left::Free(_)) => hits[i].t_free = rays[i].begins(),
             _ => set_missing(&mut hits[i], &rays[i], task.want),
         }
     }
@@ -444,8 +450,6 @@ enum Left {
     Hit,
     /// The hit within the ray's interval must be found, see [`past`].
     Past(SceneWalk),
-    /// The hit is computed; the distance up to which the ray is free must be found, see [`free`].
-    Free(SceneWalk),
     Nothing,
 }
 
@@ -510,7 +514,7 @@ impl Waits for Box<Group> {
 
     fn bytes(&self) -> u64 {
         let of_walk = |waiting: &Waiting| match &waiting.left {
-            Left::Walk(walk) | Left::Past(walk) | Left::Free(walk) => walk.bytes(),
+            Left::Walk(walk) | Left::Past(walk) => walk.bytes(),
             Left::Hit | Left::Nothing => 0,
         };
         let walks: u64 = self.waiting.iter().map(of_walk).sum();
@@ -534,7 +538,7 @@ fn go_on(
         (*found, *left) = (walk.best(), Left::Hit);
     }
     if let Left::Hit = left {
-        *hit = Hit::MISS;
+        *hit = missed(view, ray, found, task.want);
         let is_within =
             !is_early(view, ray, found) && (!found.is_hit() || answer_one(view, ray, found, task.want, hit)?);
         *left = if is_within { Left::Nothing } else { Left::Past(begin_past(view, ray)) };
@@ -543,8 +547,5 @@ fn go_on(
         past(view, task.any, ray, walk, task.want, found, hit)?;
         *left = Left::Nothing;
     }
-    if matches!(left, Left::Nothing) && found.has_transmitted() && task.want.has(Want::ERROR) {
-        *left = Left::Free(begin_free(view, ray));
-    }
-    if let Left::Free(walk) = left { free(view, ray, walk, hit) } else { Ok(()) }
+    Ok(())
 }

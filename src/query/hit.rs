@@ -32,9 +32,8 @@ pub struct Hit {
     /// The point of the hit in world space.
     pub position: DVec3,
     /// No original surface lies on the ray before this distance. Exceptions are surfaces that the ray meets within 0.9
-    /// degrees of edge-on, the surface on which the ray starts, and edges that it grazes. If stand-ins transmitted the
-    /// ray, this is the value for the hit that the ray would have if no stand-in transmitted; for a miss it is then
-    /// finite.
+    /// degrees of edge-on, the surface on which the ray starts, and edges that it grazes. If the ray
+    /// entered stand-ins before its hit or its end, this is the first entry into one; for a miss it is then finite.
     pub t_free: f64,
     /// The caller's id of the part.
     pub part: u64,

@@ -4,11 +4,11 @@
 //! reference-counted: `arc_swap` gives each thread only eight uncounted loads.) The batch path takes over if a ray
 //! lacks a block or needs a second walk.
 
-use super::answers::{Seen, answer_one_in};
+use super::answers::{Seen, answer_one_in, missed};
 use super::batch::{Hits, Rays};
 use super::beyond::is_early;
 use super::chunk::Task;
-use super::hit::{Hit, Want};
+use super::hit::Hit;
 use crate::base::error::Result;
 use crate::math::Ray;
 use crate::scene::SceneState;
@@ -74,8 +74,12 @@ pub(super) fn answer_from(scene: &SceneState, task: Task, rays: &dyn Rays, hits:
 fn one(view: &SceneView, task: Task, ray: &Ray, (walk, seen): (&mut SceneWalk, &mut Seen<1>), hit: &mut Hit) -> bool {
     let found = if task.any { view.trace_at_once::<true>(ray, walk) } else { view.trace_at_once::<false>(ray, walk) };
     let Some(found) = found else { return false };
-    if found.has_transmitted() && task.want.has(Want::ERROR) || is_early(view, ray, &found) {
+    if is_early(view, ray, &found) {
         return false;
     }
-    !found.is_hit() || matches!(answer_one_in(seen, view, ray, &found, task.want, hit), Ok(true))
+    if !found.is_hit() {
+        *hit = missed(view, ray, &found, task.want);
+        return true;
+    }
+    matches!(answer_one_in(seen, view, ray, &found, task.want, hit), Ok(true))
 }

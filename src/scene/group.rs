@@ -8,7 +8,7 @@ use super::packet::ScenePacket;
 use super::placed::Placed;
 use super::ray_rows::RayRows;
 use super::top::{NodeRef, Target};
-use super::walk::{Found, NOTHING, Need, SceneView, Step};
+use super::walk::{FirstCell, Found, NOTHING, Need, SceneView, Step};
 use crate::math::{DBounds, PACKET, Ray, bits, first_rays};
 use crate::structure::{LocalRay, LocalRays, Outcome, PacketWalk, PartFilter, Rooted, Tree};
 use glam::DVec3;
@@ -338,27 +338,33 @@ impl Group {
         shift + scale * f64::from(t)
     }
 
-    /// Rays that stand-ins transmitted before their hits or ends.
+    /// Rays that entered stand-ins before their hits or ends.
     #[inline]
-    pub fn have_transmitted(&self) -> u32 {
+    pub fn behind_cells(&self) -> u32 {
         if self.only.is_none() {
-            return (0..PACKET).fold(0, |all, i| all | u32::from(self.scene.best(i).has_transmitted()) << i);
+            return (0..PACKET).fold(0, |all, i| all | u32::from(self.scene.best(i).is_behind_cell()) << i);
         }
-        let (transmitted, t) = (self.walk.transmitted(), self.walk.distances());
+        let (first_cell, t) = (self.walk.first_cell(), self.walk.distances());
         // The bound excludes the case that both are infinite.
-        (0..PACKET).fold(0, |all, i| all | u32::from(transmitted[i] <= t[i].min(f32::MAX)) << i)
+        (0..PACKET).fold(0, |all, i| all | u32::from(first_cell[i] <= t[i].min(f32::MAX)) << i)
     }
 
-    /// True if a stand-in transmitted one of the rays before its interval.
+    /// True if one of the rays entered a stand-in before its interval.
     pub fn passes_early(&self, rays: &[Ray]) -> bool {
-        let transmitted = |i: usize| {
+        let first_cell = |i: usize| {
             if self.only.is_none() {
-                self.scene.best(i).transmitted
+                self.scene.best(i).first_cell.t
             } else {
-                self.in_world(i, self.walk.transmitted()[i])
+                self.in_world(i, self.walk.first_cell()[i])
             }
         };
-        rays.iter().enumerate().any(|(i, ray)| ray.t_min > 0.0 && transmitted(i) < ray.t_min)
+        rays.iter().enumerate().any(|(i, ray)| ray.t_min > 0.0 && first_cell(i) < ray.t_min)
+    }
+
+    /// Where ray `i` first entered a stand-in of the [only](Self::only) tree, which is `placed`.
+    #[inline]
+    pub fn first_cell(&self, i: usize, placed: u32) -> FirstCell {
+        FirstCell { t: self.in_world(i, self.walk.first_cell()[i]), placed }
     }
 
     /// The hit of ray `i`. `met`: true if it hits something.
@@ -366,12 +372,7 @@ impl Group {
     pub fn found(&self, i: usize, met: bool) -> Found {
         let Some(only) = self.only else { return *self.scene.best(i) };
         let placed = if met { only } else { NOTHING };
-        Found {
-            t: self.distance(i),
-            placed,
-            tri: self.walk.best(i),
-            transmitted: self.in_world(i, self.walk.transmitted()[i]),
-        }
+        Found { t: self.distance(i), placed, tri: self.walk.best(i), first_cell: self.first_cell(i, only) }
     }
 }
 

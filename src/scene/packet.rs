@@ -7,7 +7,7 @@ use super::box_ray::PacketBoxRays;
 use super::placed::At;
 use super::ray_rows::RayRows;
 use super::top::{NodeRef, Target};
-use super::walk::{Found, NOTHING, SceneView, Step};
+use super::walk::{FirstCell, Found, NOTHING, SceneView, Step};
 use crate::math::{PACKET, Ray, bits};
 use crate::structure::{LocalRay, LocalRays, Outcome, PacketWalk};
 use glam::Vec3;
@@ -78,7 +78,7 @@ impl ScenePacket {
         self.active = 0;
         for (i, it) in rays.iter().enumerate() {
             self.rows.set(i, it);
-            (self.best[i].t, self.best[i].placed, self.best[i].transmitted) = (it.t_max, NOTHING, f64::INFINITY);
+            (self.best[i].t, self.best[i].placed, self.best[i].first_cell) = (it.t_max, NOTHING, FirstCell::NONE);
             self.far[i] = it.t_max;
             self.active |= (active >> i & u32::from(it.can_hit())) << i;
         }
@@ -123,7 +123,7 @@ impl SceneView<'_> {
                         self.widen_interval,
                         &walk.moved[i],
                         walk.tree.best(i),
-                        walk.tree.transmitted()[i],
+                        walk.tree.first_cell()[i],
                     );
                     walk.far[i] = walk.best[i].t;
                     if ANY && walk.best[i].is_hit() {

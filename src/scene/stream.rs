@@ -9,7 +9,7 @@ use super::group::Entered;
 use super::placed::At;
 use super::ray_rows::RayRows;
 use super::top::{NodeRef, Target};
-use super::walk::{Found, SceneView, SceneWalk, Step};
+use super::walk::{FirstCell, Found, SceneView, SceneWalk, Step};
 use crate::math::{PACKET, Ray, STREAM, bits, first_rays};
 use crate::structure::{LocalRay, LocalRays, Outcome, Stream, TriHit, Walk};
 
@@ -88,7 +88,7 @@ impl SceneStream {
     /// Hits of rays that went through the [only](SceneView::trace_in_only) tree, from ray `first` on.
     pub fn hits_from(&self, first: usize) -> StreamHits<'_> {
         let at = if self.is_moved { Some(&self.at[first..]) } else { None };
-        StreamHits { hits: &self.hits[first..], at, transmitted: &self.tree.transmitted()[first..] }
+        StreamHits { hits: &self.hits[first..], at, first_cell: &self.tree.first_cell()[first..] }
     }
 
     /// Makes room for the rays in a scene of several placed trees.
@@ -104,7 +104,7 @@ impl SceneStream {
 pub(crate) struct StreamHits<'a> {
     hits: &'a [TriHit],
     at: Option<&'a [At]>,
-    transmitted: &'a [f32],
+    first_cell: &'a [f32],
 }
 
 impl StreamHits<'_> {
@@ -128,25 +128,31 @@ impl StreamHits<'_> {
         }
     }
 
-    /// The rays that hit something within their intervals, and those that stand-ins transmitted.
+    /// The rays that hit something within their intervals, and those that entered stand-ins.
     pub fn met<const ANY: bool>(&self, rays: &[Ray], widen_interval: bool) -> [u32; 2] {
-        let (mut met, mut transmitted) = (0, 0);
+        let (mut met, mut first_cell) = (0, 0);
         for (i, ray) in rays.iter().enumerate() {
             // As in `Found::offer`.
             let is_hit = self.hits[i].is_hit() && (ANY || widen_interval || self.t(i) <= ray.t_max);
             met |= u32::from(is_hit) << i;
-            transmitted |= u32::from(self.transmitted[i] < f32::INFINITY) << i;
+            first_cell |= u32::from(self.first_cell[i] < f32::INFINITY) << i;
         }
-        [met, transmitted]
+        [met, first_cell]
+    }
+
+    /// Where ray `i` first entered a stand-in of the tree, which is `placed`.
+    #[inline(always)]
+    pub fn first_cell(&self, i: usize, placed: u32) -> FirstCell {
+        FirstCell { t: self.in_world(i, self.first_cell[i]), placed }
     }
 
     /// The hit of ray `i`, which is in `met` or not.
     pub fn found(&self, i: usize, placed: u32, ray: &Ray, is_met: bool) -> Found {
-        let transmitted = self.in_world(i, self.transmitted[i]);
+        let first_cell = self.first_cell(i, placed);
         if !is_met {
-            return Found { transmitted, ..Found::nothing(ray.t_max) };
+            return Found { first_cell, ..Found::nothing(ray.t_max) };
         }
-        Found { t: self.t(i), placed, tri: self.hits[i], transmitted }
+        Found { t: self.t(i), placed, tri: self.hits[i], first_cell }
     }
 }
 
@@ -349,7 +355,7 @@ impl SceneView<'_> {
                     self.widen_interval,
                     &At { placed, shift, scale },
                     single.best(),
-                    single.transmitted(),
+                    single.first_cell(),
                 );
             }
             if !walk.goes_on[i] || ANY && best.is_hit() {
@@ -422,7 +428,7 @@ impl SceneView<'_> {
             unfinished.push(ray);
         }
         for (i, (hit, it)) in hits.iter().zip(run).enumerate() {
-            found[it.ray as usize].offer::<ANY>(self.widen_interval, &at[i], *hit, stream.transmitted()[i]);
+            found[it.ray as usize].offer::<ANY>(self.widen_interval, &at[i], *hit, stream.first_cell()[i]);
         }
     }
 }

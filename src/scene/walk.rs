@@ -114,6 +114,26 @@ impl Hold {
     }
 }
 
+/// Where a ray first entered a stand-in, hit or not: see [`Walk::first_cell`].
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct FirstCell {
+    /// Distance in units of the world ray's direction; infinity if the ray entered none.
+    pub t: f64,
+    /// Index of the placed tree.
+    pub placed: u32,
+}
+
+impl FirstCell {
+    pub const NONE: Self = Self { t: f64::INFINITY, placed: NOTHING };
+
+    /// True if the ray entered a stand-in up to `t`.
+    #[inline(always)]
+    pub fn is_up_to(&self, t: f64) -> bool {
+        // The bound excludes the case that both are infinite.
+        self.t <= t.min(f64::MAX)
+    }
+}
+
 /// The intersection of a ray and a placed tree.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Found {
@@ -122,9 +142,8 @@ pub(crate) struct Found {
     /// Index of the placed tree; `NOTHING` for none.
     pub placed: u32,
     pub tri: TriHit,
-    /// Distance at which the first stand-in transmitted the ray, in the same unit; infinity if none did. A transmission
-    /// behind the hit may or may not be reported.
-    pub transmitted: f64,
+    /// Where the ray first entered a stand-in.
+    pub first_cell: FirstCell,
 }
 
 pub(super) const NOTHING: u32 = u32::MAX;
@@ -132,27 +151,29 @@ pub(super) const NOTHING: u32 = u32::MAX;
 impl Found {
     /// No hit up to `t`.
     pub const fn nothing(t: f64) -> Self {
-        Self { t, placed: NOTHING, tri: TriHit::none(0.0), transmitted: f64::INFINITY }
+        Self { t, placed: NOTHING, tri: TriHit::none(0.0), first_cell: FirstCell::NONE }
     }
 
     pub fn is_hit(&self) -> bool {
         self.placed != NOTHING
     }
 
-    /// True if a stand-in transmitted the ray before its hit, or before its end. Then the way to the hit may not be
-    /// free, and a miss may not be a true miss.
+    /// True if the ray entered a stand-in before its hit, or before its end. Then the way to the hit may not be free,
+    /// and a miss may not be a true miss.
     #[inline]
-    pub fn has_transmitted(&self) -> bool {
-        // The bound excludes the case that both are infinite.
-        self.transmitted <= self.t.min(f64::MAX)
+    pub fn is_behind_cell(&self) -> bool {
+        self.first_cell.is_up_to(self.t)
     }
 
     /// Takes over a tree's hit if it is nearer, or equally near and of an earlier placed tree. Also takes over the
-    /// distance at which the tree first transmitted the ray, if that is nearer.
+    /// distance at which the ray first entered a stand-in of the tree, if that is nearer.
     #[inline]
-    pub(super) fn offer<const ANY: bool>(&mut self, beyond: bool, at: &At, tri: TriHit, transmitted: f32) {
+    pub(super) fn offer<const ANY: bool>(&mut self, beyond: bool, at: &At, tri: TriHit, first_cell: f32) {
         let placed = at.placed;
-        self.transmitted = self.transmitted.min(at.in_world(transmitted));
+        let first_cell = at.in_world(first_cell);
+        if first_cell < self.first_cell.t {
+            self.first_cell = FirstCell { t: first_cell, placed };
+        }
         if tri.is_hit() {
             let t = at.in_world(tri.t);
             // The tree's walk had the best t rounded up, so its hit may still be beyond. An any-hit walk has no other
@@ -160,7 +181,7 @@ impl Found {
             // too: its caller tests that in double precision.
             let takes_any = ANY || beyond && !self.is_hit();
             if takes_any || t < self.t || t == self.t && placed < self.placed {
-                *self = Self { t, placed, tri, transmitted: self.transmitted };
+                *self = Self { t, placed, tri, first_cell: self.first_cell };
             }
         }
     }
@@ -173,8 +194,6 @@ pub(crate) struct SceneView<'a> {
     pub snapshots: &'a Snapshots,
     /// True if stand-ins replace blocks that are not in memory. Otherwise walks stop and request these blocks.
     pub accept_missing: bool,
-    /// True if stand-ins transmit no ray.
-    pub opaque_cells: bool,
     /// The stamp of the visiting pass, see `residency::View`.
     pub stamp: u32,
     /// Once it is set, walks end soon; their results have no meaning then.
@@ -261,16 +280,7 @@ impl SceneWalk {
 impl<'a> SceneView<'a> {
     /// A view for exact walks that wait for blocks.
     pub fn new(scene: &'a SceneState, snapshots: &'a Snapshots, stamp: u32) -> Self {
-        Self {
-            scene,
-            snapshots,
-            accept_missing: false,
-            opaque_cells: false,
-            stamp,
-            stop: &NEVER,
-            widen_interval: false,
-            within: None,
-        }
+        Self { scene, snapshots, accept_missing: false, stamp, stop: &NEVER, widen_interval: false, within: None }
     }
 
     /// The missing block that a hit on a stand-in replaces, if there is one.
@@ -283,9 +293,8 @@ impl<'a> SceneView<'a> {
     #[inline]
     pub fn tree(&self, placed: u32) -> Tree<'a> {
         let p = &self.scene.placement.placed[placed as usize];
-        let Self { accept_missing, opaque_cells, stamp, stop, .. } = *self;
-        let visit =
-            Visit { accept_missing, opaque_cells, stamp, shown: self.scene.shown_blocks(placed), proxies: None, stop };
+        let Self { accept_missing, stamp, stop, .. } = *self;
+        let visit = Visit { accept_missing, stamp, shown: self.scene.shown_blocks(placed), proxies: None, stop };
         self.model_of(placed).tree_in(p.tree, &self.snapshots.0[p.model as usize], visit)
     }
 
@@ -355,7 +364,7 @@ impl<'a> SceneView<'a> {
         if outcome != Outcome::Done {
             return None;
         }
-        best.offer::<ANY>(self.widen_interval, &At { placed, shift, scale }, walk.best(), walk.transmitted());
+        best.offer::<ANY>(self.widen_interval, &At { placed, shift, scale }, walk.best(), walk.first_cell());
         Some(best)
     }
 
@@ -371,7 +380,7 @@ impl<'a> SceneView<'a> {
                         walk.places.push(place);
                         return Step::Pending(self.need(at.placed, block));
                     }
-                    best.offer::<ANY>(self.widen_interval, &at, walk.tree.best(), walk.tree.transmitted());
+                    best.offer::<ANY>(self.widen_interval, &at, walk.tree.best(), walk.tree.first_cell());
                     walk.best = Some(best);
                     if ANY && best.is_hit() {
                         walk.places.clear();

@@ -51,12 +51,12 @@ fn together(packet: &mut PacketWalk, tree: &impl Rooted, go_on: impl Fn(&mut Wal
 
 fn each(stream: &mut Stream, tree: &impl Rooted, hits: &mut [TriHit], go_on: impl Fn(&mut Walk) -> Outcome) {
     stream.unfinished.clear();
-    stream.transmitted.fill(f32::INFINITY);
+    stream.first_cell.fill(f32::INFINITY);
     for (i, hit) in hits.iter_mut().enumerate().take(STREAM) {
         let ray = stream.ray(i);
         stream.alone.begin(tree, &ray);
         match go_on(&mut stream.alone) {
-            Outcome::Done => (*hit, stream.transmitted[i]) = (stream.alone.best(), stream.alone.transmitted()),
+            Outcome::Done => (*hit, stream.first_cell[i]) = (stream.alone.best(), stream.alone.first_cell()),
             Outcome::Pending(_) => {
                 *hit = TriHit::none(ray.t_max);
                 stream.unfinished.push(i as u32);

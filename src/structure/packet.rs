@@ -113,8 +113,8 @@ pub struct PacketWalk {
     pub(super) waiting: u32,
     /// True if no ray has left the root.
     pub(super) is_new: bool,
-    /// Distance at which a stand-in first transmitted each ray; infinity if none did.
-    pub(super) transmitted: Row,
+    /// Distance at which each ray first entered a stand-in, see [`Walk::first_cell`].
+    pub(super) first_cell: Row,
     /// Walk for rays that leave the packet.
     pub(super) alone: Walk,
     /// If all rays are traced as single rays, the ray that `alone` currently holds ([`PacketWalk::next_alone`]).
@@ -149,7 +149,7 @@ impl PacketWalk {
             common: Common::default(),
             waiting: 0,
             is_new: false,
-            transmitted: [[f32::INFINITY; 16]; VECTORS],
+            first_cell: [[f32::INFINITY; 16]; VECTORS],
             alone: Walk::new(),
             put_down: None,
             slab_heuristic: SlabHeuristic::OFF,
@@ -203,7 +203,7 @@ impl PacketWalk {
     pub fn miss(&mut self) {
         self.stack.clear();
         (self.waiting, self.hits.some, self.put_down) = (0, 0, None);
-        self.transmitted = [[f32::INFINITY; 16]; VECTORS];
+        self.first_cell = [[f32::INFINITY; 16]; VECTORS];
     }
 
     /// Stores the origin and the interval of `ray` for all rays.
@@ -265,10 +265,10 @@ impl PacketWalk {
 
     /// Keeps the hits of the rays of `lanes`, and takes those of all other rays from `others`.
     pub fn join(&mut self, lanes: u32, others: &PacketWalk) {
-        let (hits, others, transmitted) = (&mut self.hits, &others.hits, &others.transmitted);
+        let (hits, others, first_cell) = (&mut self.hits, &others.hits, &others.first_cell);
         hits.some = hits.some & lanes | others.some & !lanes;
-        let rows = [&mut hits.t, &mut hits.u, &mut hits.v, &mut hits.block, &mut hits.tri, &mut self.transmitted];
-        let of_others = [&others.t, &others.u, &others.v, &others.block, &others.tri, transmitted];
+        let rows = [&mut hits.t, &mut hits.u, &mut hits.v, &mut hits.block, &mut hits.tri, &mut self.first_cell];
+        let of_others = [&others.t, &others.u, &others.v, &others.block, &others.tri, first_cell];
         for (row, other) in rows.into_iter().zip(of_others) {
             for i in (0..PACKET).filter(|i| lanes >> i & 1 == 0) {
                 *at_mut(row, i) = at(other, i);
@@ -295,10 +295,10 @@ impl PacketWalk {
         TriHit { t: at(&h.t, i), u: at(&h.u, i), v: at(&h.v, i), block, tri }
     }
 
-    /// Distance at which a stand-in first transmitted each ray, see [`Walk::transmitted`].
+    /// Distance at which each ray first entered a stand-in, see [`Walk::first_cell`].
     #[inline]
-    pub fn transmitted(&self) -> &[f32; PACKET] {
-        must_cast_ref(&self.transmitted)
+    pub fn first_cell(&self) -> &[f32; PACKET] {
+        must_cast_ref(&self.first_cell)
     }
 
     /// Rays that have a hit.
@@ -360,7 +360,7 @@ impl PacketWalk {
     pub(super) fn take_alone(&mut self, i: usize) {
         self.put_down = None;
         self.waiting &= !(1 << i);
-        *at_mut(&mut self.transmitted, i) = self.alone.transmitted();
+        *at_mut(&mut self.first_cell, i) = self.alone.first_cell();
         let (hit, to) = (self.alone.best(), &mut self.hits);
         if hit.is_hit() {
             to.some |= 1 << i;
@@ -472,7 +472,7 @@ impl Op for Start<'_> {
         let Self { walk, root, max_coord, active } = self;
         walk.stack.clear();
         (walk.hits.some, walk.together, walk.put_down, walk.is_new) = (0, false, None, true);
-        walk.transmitted = [[f32::INFINITY; 16]; VECTORS];
+        walk.first_cell = [[f32::INFINITY; 16]; VECTORS];
         walk.waiting = packet_prepare::valid(s, &walk.rays, &walk.hits.t) & active & ALL;
         let Some(Place { block, item }) = root.filter(|_| walk.waiting != 0) else {
             walk.waiting = 0;

@@ -24,8 +24,8 @@ impl Rays16 {
 pub struct Stream {
     pub(super) rays: Box<[Rays16; STREAM / GROUP]>,
     pub(super) unfinished: Vec<u32>,
-    /// Distance at which a stand-in first transmitted each ray; infinity if none did.
-    pub(super) transmitted: Box<[f32; STREAM]>,
+    /// Distance at which each ray first entered a stand-in, see [`Walk::first_cell`].
+    pub(super) first_cell: Box<[f32; STREAM]>,
     /// Walk for rays that are traced one after the other.
     pub(super) alone: Walk,
     pub(super) bvh: StreamLanes,
@@ -59,8 +59,8 @@ impl Stream {
     }
 
     fn with(bvh: StreamLanes) -> Self {
-        let (rays, transmitted) = (boxed(Rays16::NONE), boxed(f32::INFINITY));
-        Self { rays, unfinished: Vec::new(), transmitted, alone: Walk::new(), bvh, counters: Counters::default() }
+        let (rays, first_cell) = (boxed(Rays16::NONE), boxed(f32::INFINITY));
+        Self { rays, unfinished: Vec::new(), first_cell, alone: Walk::new(), bvh, counters: Counters::default() }
     }
 
     /// Stores ray `i`, which is below [`STREAM`].
@@ -99,10 +99,10 @@ impl Stream {
         self.rays[(i / GROUP) & (STREAM / GROUP - 1)].one(i & (GROUP - 1))
     }
 
-    /// Distance at which a stand-in first transmitted each ray of the last call, see [`Walk::transmitted`].
+    /// Distance at which each ray of the last call first entered a stand-in, see [`Walk::first_cell`].
     #[inline]
-    pub fn transmitted(&self) -> &[f32; STREAM] {
-        &self.transmitted
+    pub fn first_cell(&self) -> &[f32; STREAM] {
+        &self.first_cell
     }
 
     /// Rays of the last call that reached a missing block or needed a deeper stack. They have to be traced again as

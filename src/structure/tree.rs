@@ -41,8 +41,6 @@ pub static NEVER: AtomicBool = AtomicBool::new(false);
 pub struct Visit<'a> {
     /// Walks show stand-ins for blocks that are not in memory. Otherwise they stop at these blocks and request them.
     pub accept_missing: bool,
-    /// Stand-ins stop all rays. A hit is then the first one that the ray encounters.
-    pub opaque_cells: bool,
     /// Number of the pass. Blocks that the walk reads get it as their last-used stamp, and stay in memory as long as
     /// the pass needs them.
     pub stamp: u32,
@@ -57,7 +55,7 @@ pub struct Visit<'a> {
 
 impl Default for Visit<'_> {
     fn default() -> Self {
-        Self { accept_missing: false, opaque_cells: false, stamp: 0, shown: None, proxies: None, stop: &NEVER }
+        Self { accept_missing: false, stamp: 0, shown: None, proxies: None, stop: &NEVER }
     }
 }
 

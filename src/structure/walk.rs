@@ -44,8 +44,8 @@ pub struct Walk {
     pub(super) links: Option<Box<Links>>,
     /// Work done with this walk.
     pub counters: Counters,
-    /// Distance at which a stand-in first transmitted the ray; infinity if none did.
-    pub(super) transmitted: f32,
+    /// See [`Walk::first_cell`].
+    pub(super) first_cell: f32,
 }
 
 impl Default for Walk {
@@ -65,7 +65,7 @@ impl Walk {
             is_new: false,
             links: None,
             counters: Counters::default(),
-            transmitted: f32::INFINITY,
+            first_cell: f32::INFINITY,
         }
     }
 
@@ -93,19 +93,19 @@ impl Walk {
         self.best
     }
 
-    /// Distance at which a stand-in first transmitted the ray; infinity if none did. From there on the ray may have
-    /// missed surface. Up to the hit, if there is one, the value does not depend on the order of visits; a distance
-    /// beyond the hit may or may not be reported.
+    /// Distance at which the ray first entered the region of a stand-in, hit or not; infinity if it entered none. From
+    /// there on the ray may have missed surface, because a stand-in may transmit the ray. Up to the hit, if there is
+    /// one, the value does not depend on the order of visits; a distance beyond the hit may or may not be reported.
     #[inline]
-    pub fn transmitted(&self) -> f32 {
-        self.transmitted
+    pub fn first_cell(&self) -> f32 {
+        self.first_cell
     }
 
     #[inline(always)]
     pub(super) fn put_at_root(&mut self, tree: &impl Rooted, ray: &LocalRay) {
         self.stack.clear();
         self.is_new = true;
-        self.transmitted = f32::INFINITY;
+        self.first_cell = f32::INFINITY;
         self.best = TriHit::none(ray.t_max);
         if let Some(Place { block, item }) = tree.root().filter(|_| ray.is_valid()) {
             self.stack.push(Entry { t: ray.t_min, block, child: item });

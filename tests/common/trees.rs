@@ -101,7 +101,6 @@ impl TestTree {
             normals_at: None,
             isa,
             accept_missing: false,
-            opaque_cells: false,
             stamp: 1,
             shown: None,
             proxies: None,

@@ -19,7 +19,7 @@ use crate::math::{PACKET, Ray, bits};
 use crate::scene::Group;
 use crate::scene::placed::Placed;
 use crate::scene::stream::StreamHits;
-use crate::scene::walk::{Found, Need, SceneView};
+use crate::scene::walk::{FirstCell, Found, Need, SceneView};
 use crate::simd::Isa;
 use crate::structure::surface::Groups;
 use crate::structure::{Rooted, Tree, TriHit};
@@ -55,6 +55,8 @@ pub(crate) trait TreeHits<const N: usize> {
     fn hit(&self, i: usize) -> TriHit;
     /// The distance of ray `i` to its hit, in the world.
     fn t(&self, i: usize) -> f64;
+    /// Where ray `i` first entered a stand-in. `at` is the tree that it hits.
+    fn first_cell(&self, i: usize, at: &InTree) -> FirstCell;
     /// The distances of `rays` to their hits. Values of other rays are arbitrary.
     fn distances(&self, rays: u32, out: &mut [f64; N]);
     /// Groups `rays` by the primitives that they hit.
@@ -71,6 +73,10 @@ impl TreeHits<PACKET> for Group {
     #[inline]
     fn t(&self, i: usize) -> f64 {
         self.distance(i)
+    }
+    #[inline]
+    fn first_cell(&self, i: usize, at: &InTree) -> FirstCell {
+        Group::first_cell(self, i, at.number)
     }
     #[inline]
     fn distances(&self, _: u32, out: &mut [f64; PACKET]) {
@@ -90,6 +96,10 @@ impl<const N: usize> TreeHits<N> for StreamHits<'_> {
     #[inline(always)]
     fn t(&self, i: usize) -> f64 {
         StreamHits::t(self, i)
+    }
+    #[inline(always)]
+    fn first_cell(&self, i: usize, at: &InTree) -> FirstCell {
+        StreamHits::first_cell(self, i, at.number)
     }
     #[inline(always)]
     fn distances(&self, rays: u32, out: &mut [f64; N]) {
@@ -121,6 +131,10 @@ impl<const N: usize> TreeHits<N> for [Found] {
     #[inline(always)]
     fn t(&self, i: usize) -> f64 {
         self[i].t
+    }
+    #[inline(always)]
+    fn first_cell(&self, i: usize, _: &InTree) -> FirstCell {
+        self[i].first_cell
     }
     #[inline(always)]
     fn distances(&self, rays: u32, out: &mut [f64; N]) {
@@ -334,6 +348,10 @@ impl<const N: usize> Seen<N> {
         let to_meet = self.meet(at, precise, |i| (rays[i].origin, rays[i].dir), |i| hits.t(i));
         for i in bits(to_meet) {
             self.fill_from_meeting(i, &rays[i], want, &mut out[i]);
+            let cell = hits.first_cell(i, at);
+            if want.has(Want::ERROR) && cell.is_up_to(hits.t(i)) {
+                out[i].t_free = out[i].t_free.min(free_before(at.view, &rays[i], cell));
+            }
             outside |= u32::from(at.view.widen_interval && !is_within(&rays[i], out[i].t)) << i;
         }
         outside
@@ -415,7 +433,8 @@ impl<const N: usize> Seen<N> {
             }
             if want.has(Want::ERROR) {
                 hit.error = self.stand_ins.error(i, &at.tree(), p, &hits.hit(i), ray.origin, along);
-                hit.t_free = self.stand_ins.t_free(i, p, ray, hit.t);
+                let is_inside = self.stand_ins.inside() >> i & 1 == 1;
+                hit.t_free = if is_inside { ray.begins() } else { free_before(at.view, ray, hits.first_cell(i, at)) };
             }
         }
     }
@@ -547,6 +566,20 @@ pub(super) fn answer_one_in(
     let out = std::array::from_mut(hit);
     let rest = seen.answer(&InTree::new(view, found.placed), want, from_ref(ray), from_ref(found), 1, out);
     if rest.lacking != 0 { Err(lacking(view, found.placed, &found.tri, want)) } else { Ok(rest.outside == 0) }
+}
+
+/// The distance before which no original surface lies on a ray that first entered a stand-in there: the cell and its
+/// slabs hold all that the stand-in represents.
+#[inline(always)]
+fn free_before(view: &SceneView, ray: &Ray, cell: FirstCell) -> f64 {
+    let placed = &view.scene.placement.placed[cell.placed as usize];
+    (cell.t - placed.slack(ray.origin, ray.dir, cell.t)).max(ray.begins())
+}
+
+/// The answer to a ray that hits nothing.
+pub(super) fn missed(view: &SceneView, ray: &Ray, found: &Found, want: Want) -> Hit {
+    let is_free = !(want.has(Want::ERROR) && found.first_cell.is_up_to(ray.t_max));
+    Hit { t_free: if is_free { f64::INFINITY } else { free_before(view, ray, found.first_cell) }, ..Hit::MISS }
 }
 
 /// Sets `error` and `t_free` of a hit to values that hold for any content of the missing blocks.

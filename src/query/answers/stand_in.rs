@@ -6,10 +6,10 @@
 //! smaller distance for all points of the region in which rays meet the stand-in (`lod::Fill`). That bound does not
 //! hold where a ray begins in the cell, or where single precision has moved the hit off the region.
 //!
-//! **t_free.** A cell's box and slabs hold all that the stand-in represents. The walk takes the nearest of all
-//! stand-ins and triangles, each at its entry or before. So no original surface lies on the ray before the hit, up to
-//! the displacement in single precision (see `meeting.rs`). For a ray that stand-ins transmitted, the value is that of
-//! a walk in which no stand-in transmits (`beyond::free`). A ray that begins in a stand-in for missing data has no free
+//! **t_free.** A cell's box and slabs hold all that the stand-in represents, and the walk takes the nearest of all
+//! stand-ins and triangles, each at its entry or before. So no original surface lies on the ray before its first entry
+//! into a stand-in ([`crate::scene::walk::FirstCell`]), whether that one was hit or transmitted the ray, up to the
+//! displacement in single precision (see `meeting.rs`). A ray that begins in a stand-in for missing data has no free
 //! part.
 
 #![allow(clippy::needless_range_loop)] // loops index several arrays at once
@@ -220,13 +220,6 @@ impl<const N: usize> StandIns<N> {
         let normal = placed.gradient(self.normal(i).as_dvec3());
         let slabs = tree.oriented_slabs(hit);
         slabs.map_or(0.0, |slabs| (farthest(&self.cells.bounds_of(i), &slabs, normal) - here.dot(normal)).max(0.0))
-    }
-
-    /// Distance before which no original surface lies on ray `i`, which reaches its hit at `t`: see the module.
-    #[inline(always)]
-    pub fn t_free(&self, i: usize, placed: &Placed, ray: &Ray, t: f64) -> f64 {
-        let free = if self.cells.inside >> i & 1 == 1 { 0.0 } else { t - placed.slack(ray.origin, ray.dir, t) };
-        free.max(ray.begins())
     }
 }
 

@@ -25,14 +25,14 @@ pub(super) struct Begun {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Met {
     pub rays: u32,
-    /// Rays that a stand-in transmitted before the hit or the miss, and perhaps rays that were not traced.
-    pub transmitted: u32,
+    /// Rays that entered a stand-in before the hit or the miss, and perhaps rays that were not traced.
+    pub behind_cells: u32,
     /// The placed tree that all hits are in: they are in the scratch's `group`. `None`: they are in its `found`.
     pub only: Option<u32>,
 }
 
 impl Met {
-    const NOTHING: Self = Self { rays: 0, transmitted: 0, only: None };
+    const NOTHING: Self = Self { rays: 0, behind_cells: 0, only: None };
 }
 
 /// The placed trees that the rays of a packet may enter.
@@ -115,7 +115,7 @@ impl<'v> Direct<'v> {
             }
             let met = camera.go_on(&self.view, bundle.packet(i))?;
             group.take(placed[i], bundle.packet(i));
-            return Ok(Met { rays: met, transmitted: group.have_transmitted(), only: Some(placed[i]) });
+            return Ok(Met { rays: met, behind_cells: group.behind_cells(), only: Some(placed[i]) });
         }
         self.make_rays(pixels, rays);
         if !self.is_fine {
@@ -124,7 +124,7 @@ impl<'v> Direct<'v> {
                 Enters::One(camera) => {
                     if let Some(met) = group.trace_camera(&self.view, &camera, &rays.of_camera(), active) {
                         let only = Some(camera.number);
-                        return Ok(Met { rays: met?, transmitted: group.have_transmitted(), only });
+                        return Ok(Met { rays: met?, behind_cells: group.behind_cells(), only });
                     }
                 }
                 Enters::Others => {}
@@ -151,7 +151,7 @@ impl<'v> Direct<'v> {
             if only.is_none() {
                 bits(met).for_each(|i| found[i] = group.found(i, true));
             }
-            return Ok(Met { rays: met, transmitted: group.have_transmitted(), only });
+            return Ok(Met { rays: met, behind_cells: group.behind_cells(), only });
         }
         packet.begin_fine(&self.view, &rays, rest.as_deref(), active);
         if let Step::Pending(need) = self.view.trace_packet::<false>(&rays, packet) {
@@ -161,7 +161,7 @@ impl<'v> Direct<'v> {
         for i in bits(active) {
             found[i] = *packet.best(i);
             met.rays |= u32::from(found[i].is_hit()) << i;
-            met.transmitted |= u32::from(found[i].has_transmitted()) << i;
+            met.behind_cells |= u32::from(found[i].is_behind_cell()) << i;
         }
         Ok(met)
     }

@@ -234,7 +234,7 @@ impl Direct<'_> {
         let mut met = self.trace_first(pixels, active, number, scratch)?;
         // Pixels without a surface so far that store their first.
         let mut fresh = if pixels.sample == 0 { active } else { 0 };
-        scratch.first.transmitted |= met.transmitted & fresh;
+        scratch.first.behind_cells |= met.behind_cells & fresh;
         for layer in 0..MAX_LAYERS {
             if layer > 0 {
                 met = self.trace(active, scratch)?;

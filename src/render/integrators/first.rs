@@ -11,8 +11,8 @@ pub(crate) struct First {
     pub met: u32,
     pub lod: u32,
     pub missing: u32,
-    /// Mask of the pixels with a ray that a stand-in transmitted before the hit or the miss.
-    pub transmitted: u32,
+    /// Mask of the pixels with a ray that entered a stand-in before the hit or the miss.
+    pub behind_cells: u32,
     /// Mask of the pixels with an error. Other elements of `error_px` are not valid.
     pub inexact: u32,
     pub error_px: [f32; PACKET],
@@ -31,7 +31,7 @@ impl First {
         met: 0,
         lod: 0,
         missing: 0,
-        transmitted: 0,
+        behind_cells: 0,
         inexact: 0,
         error_px: [0.0; PACKET],
         depth: [f32::INFINITY; PACKET],
@@ -45,8 +45,8 @@ impl First {
 
     /// Removes all hits from what `asks` asks for.
     pub(super) fn clear(&mut self, asks: Asks) {
-        let Self { met, lod, missing, transmitted, inexact, .. } = self;
-        (*met, *lod, *missing, *transmitted, *inexact) = (0, 0, 0, 0, 0);
+        let Self { met, lod, missing, behind_cells, inexact, .. } = self;
+        (*met, *lod, *missing, *behind_cells, *inexact) = (0, 0, 0, 0, 0);
         if asks.precise {
             (self.depth, self.error) = (Self::NOTHING.depth, Self::NOTHING.error);
         }
@@ -63,7 +63,7 @@ impl First {
 
     /// Returns the error of pixel `i`: infinite for a triangle or a miss behind a transmitting stand-in.
     pub fn error(&self, i: usize) -> f32 {
-        if (self.transmitted & !self.lod & !self.missing) >> i & 1 == 1 { f32::INFINITY } else { self.error[i] }
+        if (self.behind_cells & !self.lod & !self.missing) >> i & 1 == 1 { f32::INFINITY } else { self.error[i] }
     }
 
     /// Returns the kind of the hit in pixel `i`.

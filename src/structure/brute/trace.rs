@@ -172,12 +172,12 @@ impl<'a> TreeView<'a> {
             }
             let (below, kind) = row.below();
             let mut cell = StandIn { item: index as u32, is_missing: false, is_inside: false };
-            if ray.is_lod && matches!(judge_small(ray, row, block, cell, &mut walk.best), Verdict::Settled) {
+            if ray.is_lod && matches!(judge_small(ray, row, block, cell, walk), Verdict::Settled) {
                 continue;
             }
             if self.visit.accept_missing && self.block(below).is_none() {
                 cell.is_missing = true;
-                stand_for_missing::<ANY>(ray, row, block, cell, &mut walk.best);
+                stand_for_missing::<ANY>(ray, row, block, cell, walk);
                 continue;
             }
             push_sorted(&mut walk.stack, bottom, Entry { t, block: below, child: kind });
@@ -334,7 +334,7 @@ fn allowed(row: Row, filter: Option<&PartFilter>) -> Option<bool> {
 }
 
 /// Accepts a cell as a stand-in if it is no larger than the ray's footprint there, and the ray begins outside of it.
-fn judge_small(ray: &Prepared, row: Row, block: u32, cell: StandIn, best: &mut TriHit) -> Verdict {
+fn judge_small(ray: &Prepared, row: Row, block: u32, cell: StandIn, walk: &mut Walk) -> Verdict {
     let bounds = row.bounds();
     let [enter, leave] = ray.cross(&bounds, 1.0);
     let LocalRay { dir, t_min, cone, .. } = ray.ray;
@@ -347,7 +347,10 @@ fn judge_small(ray: &Prepared, row: Row, block: u32, cell: StandIn, best: &mut T
     match allowed(row, ray.filter) {
         Some(false) => return Verdict::Descend,
         Some(true) if ray.filter.is_some_and(|filter| filter.descends(t)) => return Verdict::Descend,
-        Some(true) => offer(best, TriHit { t, u: 0.0, v: 0.0, block, tri: cell.code() }),
+        Some(true) => {
+            walk.first_cell = walk.first_cell.min(t);
+            offer(&mut walk.best, TriHit { t, u: 0.0, v: 0.0, block, tri: cell.code() });
+        }
         None => {}
     }
     Verdict::Settled
@@ -355,14 +358,16 @@ fn judge_small(ray: &Prepared, row: Row, block: u32, cell: StandIn, best: &mut T
 
 /// Offers a cell as a stand-in for the missing block below. For any-hit queries a cell that the ray begins in is no
 /// hit, because nothing is known of its content.
-fn stand_for_missing<const ANY: bool>(ray: &Prepared, row: Row, block: u32, cell: StandIn, best: &mut TriHit) {
+fn stand_for_missing<const ANY: bool>(ray: &Prepared, row: Row, block: u32, cell: StandIn, walk: &mut Walk) {
     let [enter, leave] = ray.cross(&row.bounds(), 1.0);
-    let t = enter.max(ray.ray.t_min);
-    let is_inside = enter <= ray.ray.t_min;
+    let (t, is_inside) = (enter.max(ray.ray.t_min), enter <= ray.ray.t_min);
     let is_beyond = || ray.filter.is_some_and(|filter| filter.is_beyond(t));
     let counts = t <= leave && allowed(row, ray.filter).is_some() && !(ANY && is_inside) && !is_beyond();
     if counts {
-        offer(best, TriHit { t, u: 0.0, v: 0.0, block, tri: StandIn { is_inside, ..cell }.code() });
+        if !is_inside {
+            walk.first_cell = walk.first_cell.min(t);
+        }
+        offer(&mut walk.best, TriHit { t, u: 0.0, v: 0.0, block, tri: StandIn { is_inside, ..cell }.code() });
     }
 }
 

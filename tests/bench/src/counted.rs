@@ -99,7 +99,6 @@ impl OneTree {
             proxies: None,
             isa: Isa::Baseline,
             accept_missing: false,
-            opaque_cells: false,
             stamp: 1,
             shown: None,
             stop: &outcrop::structure::NEVER,

@@ -5,7 +5,7 @@ use super::TreeView;
 use super::coverage::{CoverageTest, may_transmit};
 use super::kernel::{Here, Together};
 use super::oriented_slabs::{self, Origin};
-use super::packet::{PacketWalk, VECTORS, at_mut};
+use super::packet::{PacketWalk, VECTORS};
 use super::packet_prepare::Common;
 use super::packet_visit::{self, Boxes};
 use super::single;
@@ -173,13 +173,13 @@ pub(super) fn stand_in<S: Simd, const ANY: bool>(
             Verdict::Skip => {}
             Verdict::Stand => {
                 let tri = stand_in::lod_code(node, slot);
-                let [enter, leave] = within(s, tree, here, slot, boxes, walk, (h, [met.enter, crossings[h][1]]));
-                let mut hits = small & enter.le(leave.min(s.load16(&walk.hits.t[h]))).bits();
-                if !view.opaque_cells && may_transmit(block, node, slot) {
-                    hits = stopped(CoverageTest::of(block, node, slot), &enter.to_array(), walk, h, hits);
+                let way = within(s, tree, here, slot, boxes, walk, (h, [met.enter, crossings[h][1]]));
+                let mut hits = entered(s, way, walk, h, small);
+                if hits != 0 && may_transmit(block, node, slot) {
+                    hits = stopped(CoverageTest::of(block, node, slot), &way[0].to_array(), walk, h, hits);
                 }
                 if hits != 0 {
-                    offer::<S, ANY>(s, view, walk, (h, hits), enter, (id, tri));
+                    offer::<S, ANY>(s, view, walk, (h, hits), way[0], (id, tri));
                 }
             }
         }
@@ -188,10 +188,19 @@ pub(super) fn stand_in<S: Simd, const ANY: bool>(
     left
 }
 
+/// Returns those of the rays `lanes` of vector `h` that enter the region of a stand-in before their hits, and records
+/// where they do.
+#[inline(always)]
+fn entered<S: Simd>(s: S, [enter, leave]: [S::F16; 2], walk: &mut PacketWalk, h: usize, lanes: u32) -> u32 {
+    let entered = lanes & enter.le(leave.min(s.load16(&walk.hits.t[h]))).bits();
+    let first = s.load16(&walk.first_cell[h]);
+    walk.first_cell[h] = enter.min(first).select(s.mask16(entered), first).to_array();
+    entered
+}
+
 /// Returns those of the rays `hits` of vector `h` that the cell stops. The rays enter the cell's region at `enter`.
-/// Records this distance for rays that the cell transmits.
 #[inline(never)]
-fn stopped(coverage: Option<CoverageTest>, enter: &[f32; 16], walk: &mut PacketWalk, h: usize, hits: u32) -> u32 {
+fn stopped(coverage: Option<CoverageTest>, enter: &[f32; 16], walk: &PacketWalk, h: usize, hits: u32) -> u32 {
     let Some(coverage) = coverage else { return hits };
     let (mut left, mut stopped) = (hits, hits);
     while left != 0 {
@@ -199,8 +208,6 @@ fn stopped(coverage: Option<CoverageTest>, enter: &[f32; 16], walk: &mut PacketW
         left &= left - 1;
         if coverage.transmits(&packet_visit::entry_ray(&walk.rays, 16 * h + lane), enter[lane]) {
             stopped &= !(1 << lane);
-            let transmitted = at_mut(&mut walk.transmitted, 16 * h + lane);
-            *transmitted = transmitted.min(enter[lane]);
         }
     }
     stopped
@@ -242,13 +249,12 @@ pub(super) fn for_missing<S: Simd, const ANY: bool>(
         }
         let crossing = cross(s, boxes, slot, common, view.max_coord, walk, h);
         let met = meet(s, boxes, slot, crossing, walk, h);
-        let far = s.load16(&walk.hits.t[h]);
-        let [enter, leave] = within(s, tree, here, slot, boxes, walk, (h, [met.enter, crossing[1]]));
-        let outside = met.outside & lanes & enter.le(leave.min(far)).bits();
-        let lanes = lanes & met.enter.le(far).bits();
+        let way = within(s, tree, here, slot, boxes, walk, (h, [met.enter, crossing[1]]));
+        let outside = entered(s, way, walk, h, met.outside & lanes);
+        let lanes = lanes & met.enter.le(s.load16(&walk.hits.t[h])).bits();
         let tri = stand_in::missing_code(node, slot, false);
         if outside != 0 {
-            offer::<S, ANY>(s, view, walk, (h, outside), enter, (id, tri));
+            offer::<S, ANY>(s, view, walk, (h, outside), way[0], (id, tri));
         }
         let inside = met.meets & lanes & !met.outside;
         if !ANY && inside != 0 {

@@ -142,9 +142,9 @@ fn one<S: Simd, const ANY: bool, const LOD: bool>(
         return (met, leaves, first);
     }
     let mut best = walk.best(i);
-    let (ray, transmitted) = (entry_ray(&walk.rays, i), at_mut(&mut walk.transmitted, i));
+    let (ray, first_cell) = (entry_ray(&walk.rays, i), at_mut(&mut walk.first_cell, i));
     let cells = MetCells { small, crosses, t: &enter.to_array() };
-    let settled = single::offers(Seen { view, filter }, here, cells, &ray, &mut best, transmitted);
+    let settled = single::offers(Seen { view, filter }, here, cells, &ray, &mut best, first_cell);
     keep(walk, i, &best);
     if ANY && best.is_hit() {
         walk.waiting &= !(1 << i);

@@ -198,8 +198,8 @@ fn each_alone<S: Simd, const ANY: bool, const LOD: bool>(
         let stack = &mut walk.alone.stack;
         stack.clear();
         stack.push(Entry { t: entry.t, block: entry.block, child: entry.child });
-        let (transmitted, counters) = (at_mut(&mut walk.transmitted, i), &mut walk.alone.counters);
-        let alone = Alone { stack, best: &mut best, transmitted, counters };
+        let (first_cell, counters) = (at_mut(&mut walk.first_cell, i), &mut walk.alone.counters);
+        let alone = Alone { stack, best: &mut best, first_cell, counters };
         let outcome = single::visit::<S, ANY, LOD>(s, Seen { view, filter }, &ray, alone);
         keep(walk, i, &best);
         if outcome != Outcome::Done {

@@ -43,8 +43,8 @@ impl<const ANY: bool, const LOD: bool> Op for Single<'_, '_, ANY, LOD> {
             return Outcome::Done;
         }
         let ray = RayLanes::new(s, PreparedRay::new(&walk.ray, view.max_coord));
-        let Walk { stack, best, transmitted, counters, .. } = walk;
-        visit::<S, ANY, LOD>(s, Seen { view, filter }, &ray, Alone { stack, best, transmitted, counters })
+        let Walk { stack, best, first_cell, counters, .. } = walk;
+        visit::<S, ANY, LOD>(s, Seen { view, filter }, &ray, Alone { stack, best, first_cell, counters })
     }
 }
 
@@ -96,8 +96,8 @@ pub(super) struct Alone<'a> {
     /// Entries still to be visited, the nearest last.
     pub stack: &'a mut Vec<Entry>,
     pub best: &'a mut TriHit,
-    /// Distance of the first stand-in that transmitted the ray.
-    pub transmitted: &'a mut f32,
+    /// Distance at which the ray first entered a stand-in.
+    pub first_cell: &'a mut f32,
     pub counters: &'a mut Counters,
 }
 
@@ -110,7 +110,7 @@ pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
     walk: Alone,
 ) -> Outcome {
     let Seen { view, filter } = tree;
-    let Alone { stack, best, transmitted, counters } = walk;
+    let Alone { stack, best, first_cell, counters } = walk;
     let mut block_id = u32::MAX;
     let mut block = Block::new(&[]);
     let cells = if LOD { Some(CellLanes::new(s, &lanes.ray, view.max_coord)) } else { None };
@@ -135,9 +135,9 @@ pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
                     let node = here.node();
                     let (mut mask, t, leave) = boxes(s, node, lanes, best.t);
                     if let Some(cells) = &cells {
-                        mask = stand_ins(s, tree, here, (mask, leave), cells, best, transmitted);
+                        mask = stand_ins(s, tree, here, (mask, leave), cells, best, first_cell);
                         if view.accept_missing && mask != 0 && view.lacks_leaves(block_id) {
-                            mask = for_missing_leaves::<S, ANY>(s, tree, here, mask, cells, best);
+                            mask = for_missing_leaves::<S, ANY>(s, tree, here, mask, cells, (best, first_cell));
                         }
                         if ANY && best.is_hit() {
                             stack.clear();
@@ -184,7 +184,7 @@ pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
                         if let Some(cells) = cells.as_ref().filter(|_| view.accept_missing) {
                             let (index, slot) = block.place_of_external(at);
                             let here = Here { block, id: block_id, index };
-                            stand_in_for_missing::<S, ANY>(s, tree, here, slot, cells, best);
+                            stand_in_for_missing::<S, ANY>(s, tree, here, slot, cells, (best, first_cell));
                             if ANY && best.is_hit() {
                                 stack.clear();
                                 return Outcome::Done;
@@ -379,7 +379,7 @@ fn stand_ins<S: Simd>(
     (mask, leave): (u32, S::F8),
     cells: &CellLanes<S>,
     best: &mut TriHit,
-    transmitted: &mut f32,
+    first_cell: &mut f32,
 ) -> u32 {
     let (these, likely) = cells.likely(s, here.node(), mask, leave);
     if likely == 0 {
@@ -391,7 +391,7 @@ fn stand_ins<S: Simd>(
     }
     let [enter, leave] = cells.within(s, here.node(), way);
     let met = MetCells { small, crosses: enter.le(leave).bits(), t: &enter.to_array() };
-    mask & !offers(tree, here, met, &cells.one, best, transmitted)
+    mask & !offers(tree, here, met, &cells.one, best, first_cell)
 }
 
 /// Cells of a node that are small enough to stand in for a ray.
@@ -402,8 +402,8 @@ pub(super) struct MetCells<'a> {
     pub t: &'a [f32; 8],
 }
 
-/// Offers cells of a node to `best`. Returns the cells that need no further visit. Lowers `transmitted` to the distance
-/// of a cell that transmits the ray.
+/// Offers cells of a node to `best`. Returns the cells that need no further visit. Lowers `first_cell` to the distances
+/// at which the ray enters stand-ins.
 #[inline(always)]
 pub(super) fn offers(
     tree: Seen,
@@ -411,7 +411,7 @@ pub(super) fn offers(
     met: MetCells,
     ray: &EntryRay,
     best: &mut TriHit,
-    transmitted: &mut f32,
+    first_cell: &mut f32,
 ) -> u32 {
     let (Seen { view, filter }, Here { block, id, index }) = (tree, here);
     let MetCells { mut small, crosses, t } = met;
@@ -424,12 +424,12 @@ pub(super) fn offers(
             Verdict::Stand if filter.is_some_and(|filter| filter.descends(t[slot])) => continue,
             Verdict::Skip => {}
             Verdict::Stand if crosses >> slot & 1 == 0 => {}
-            Verdict::Stand if !view.opaque_cells && ray.is_transmitted(block, index, slot, t[slot]) => {
-                *transmitted = transmitted.min(t[slot])
-            }
             Verdict::Stand => {
-                let tri = stand_in::lod_code(index, slot);
-                let _ = offer(best, TriHit { t: t[slot], u: 0.0, v: 0.0, block: id, tri });
+                *first_cell = first_cell.min(t[slot]);
+                if !ray.is_transmitted(block, index, slot, t[slot]) {
+                    let tri = stand_in::lod_code(index, slot);
+                    let _ = offer(best, TriHit { t: t[slot], u: 0.0, v: 0.0, block: id, tri });
+                }
             }
         }
         settled |= 1 << slot;
@@ -456,14 +456,14 @@ pub(super) fn for_missing_leaves<S: Simd, const ANY: bool>(
     here: Here,
     mask: u32,
     cells: &CellLanes<S>,
-    best: &mut TriHit,
+    (best, first_cell): (&mut TriHit, &mut f32),
 ) -> u32 {
     let leaves = stand_in::leaves(here.node());
     let mut missing = mask & leaves;
     while missing != 0 {
         let slot = missing.trailing_zeros() as usize;
         missing &= missing - 1;
-        stand_in_for_missing::<S, ANY>(s, tree, here, slot, cells, best);
+        stand_in_for_missing::<S, ANY>(s, tree, here, slot, cells, (best, first_cell));
     }
     mask & !leaves
 }
@@ -477,7 +477,7 @@ fn stand_in_for_missing<S: Simd, const ANY: bool>(
     here: Here,
     slot: usize,
     cells: &CellLanes<S>,
-    best: &mut TriHit,
+    (best, first_cell): (&mut TriHit, &mut f32),
 ) {
     let (Seen { view, filter }, Here { id, index: node, .. }) = (tree, here);
     let [near, far] = stored_planes(s, here.node(), cells.near);
@@ -489,13 +489,15 @@ fn stand_in_for_missing<S: Simd, const ANY: bool>(
         return;
     }
     let tri = stand_in::missing_code(node, slot, is_inside);
-    let [mut enter, leave] = cells.within(s, here.node(), [met.enter, crossing[1]]);
-    if is_inside {
-        enter = met.enter;
-    } else if enter.le(leave).bits() >> slot & 1 == 0 {
-        return;
+    let [enter, leave] = cells.within(s, here.node(), [met.enter, crossing[1]]);
+    let mut t = met.enter.to_array()[slot & 7];
+    if !is_inside {
+        if enter.le(leave).bits() >> slot & 1 == 0 {
+            return;
+        }
+        t = enter.to_array()[slot & 7];
+        *first_cell = first_cell.min(t);
     }
-    let t = enter.to_array()[slot & 7];
     if filter.is_some_and(|filter| filter.is_beyond(t)) {
         return;
     }

@@ -184,7 +184,7 @@ pub(super) struct StreamRun<'a> {
     pub stacks: &'a mut [Stack; LANES],
     pub hits: &'a mut [TriHit],
     pub unfinished: &'a mut Vec<u32>,
-    pub transmitted: &'a mut [f32; STREAM],
+    pub first_cell: &'a mut [f32; STREAM],
     pub rows: [Row; 4],
     pub scratch: Scratch,
     /// Number of the ray.
@@ -214,7 +214,7 @@ impl<const ANY: bool, const LOD: bool> Op for Run<'_, '_, ANY, LOD> {
         let count = hits.len().min(STREAM);
         let hits = &mut hits[..count];
         stream.unfinished.clear();
-        stream.transmitted.fill(f32::INFINITY);
+        stream.first_cell.fill(f32::INFINITY);
         for (rays, hits) in stream.rays.iter().zip(hits.chunks_mut(GROUP)) {
             hits.iter_mut().zip(&rays.t_max).for_each(|(hit, &t_max)| *hit = TriHit::none(t_max));
         }
@@ -224,7 +224,7 @@ impl<const ANY: bool, const LOD: bool> Op for Run<'_, '_, ANY, LOD> {
             stacks: &mut stream.bvh.stacks,
             hits,
             unfinished: &mut stream.unfinished,
-            transmitted: &mut stream.transmitted,
+            first_cell: &mut stream.first_cell,
             rows: [[0; LANES]; 4],
             scratch: Scratch {
                 enter: [[0.0; 8]; LANES],

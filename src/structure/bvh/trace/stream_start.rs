@@ -419,7 +419,7 @@ impl<L: Lanes<GROUP>> Cells<L> {
     }
 }
 
-/// Offers a cell to the rays in `crosses`, which enter its region at `enter`.
+/// Offers a cell to the rays in `crosses`, which enter its region at `t`.
 #[inline(always)]
 fn offer<const ANY: bool>(
     run: &mut StreamRun,
@@ -427,19 +427,19 @@ fn offer<const ANY: bool>(
     here: Here,
     slot: usize,
     mut crosses: u32,
-    enter: &[f32; GROUP],
+    t: &[f32; GROUP],
 ) {
     let Here { block, id, index } = here;
-    let is_asked = crosses != 0 && !run.view.opaque_cells && may_transmit(block, index, slot);
+    let is_asked = crosses != 0 && may_transmit(block, index, slot);
     let coverage = if is_asked { CoverageTest::of(block, index, slot) } else { None };
     let tri = stand_in::lod_code(index, slot);
     while crosses != 0 {
         let i = crosses.trailing_zeros() as usize & (GROUP - 1);
         crosses &= crosses - 1;
-        let (lane, t) = (group.lane(i), enter[i]);
+        let (lane, t) = (group.lane(i), t[i]);
         let ray = usize::from(run.ray[lane]) & (STREAM - 1);
-        if coverage.as_ref().is_some_and(|coverage| coverage.transmits(&step::entry_ray(&run.prepared[lane]), t)) {
-            run.transmitted[ray] = run.transmitted[ray].min(t);
+        run.first_cell[ray] = run.first_cell[ray].min(t);
+        if coverage.as_ref().is_some_and(|it| it.transmits(&step::entry_ray(&run.prepared[lane]), t)) {
             continue;
         }
         let Some(best) = run.hits.get_mut(ray) else { continue };

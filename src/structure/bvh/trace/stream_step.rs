@@ -357,11 +357,11 @@ fn offer<const ANY: bool>(run: &mut StreamRun, lane: usize) {
     let Some(best) = run.hits.get_mut(ray) else { return };
     let before = (best.t, best.tri, best.block);
     let (block, id, both) = (run.block[lane], run.block_id[lane], run.scratch.small[lane]);
-    let (t, transmitted) = (&run.scratch.at[lane], &mut run.transmitted[ray]);
+    let (t, first_cell) = (&run.scratch.at[lane], &mut run.first_cell[ray]);
     let here = Here { block, id, index: node };
     let met = MetCells { small: both & 0xff, crosses: both >> 8, t };
     let settled =
-        single::offers(Seen { view: run.view, filter: run.filter }, here, met, &ray_at_cell, best, transmitted);
+        single::offers(Seen { view: run.view, filter: run.filter }, here, met, &ray_at_cell, best, first_cell);
     run.scratch.hits[lane] &= !settled;
     if (best.t, best.tri, best.block) != before {
         found::<ANY>(run, lane);
@@ -390,11 +390,12 @@ fn missing_leaves<S: Simd, const ANY: bool>(s: S, run: &mut StreamRun, row: &Row
         }
         let cells = cell_lanes(s, &run.prepared[lane], run.view.max_coord);
         let node = (run.child[lane] & INDEX_MASK) as usize;
-        let Some(best) = run.hits.get_mut(usize::from(run.ray[lane])) else { continue };
+        let ray = usize::from(run.ray[lane]) & (STREAM - 1);
+        let Some(best) = run.hits.get_mut(ray) else { continue };
         let before = (best.t, best.tri, best.block);
         let here = Here { block, id, index: node };
-        let tree = Seen { view: run.view, filter: run.filter };
-        run.scratch.hits[lane] = single::for_missing_leaves::<S, ANY>(s, tree, here, left, &cells, best);
+        let (tree, out) = (Seen { view: run.view, filter: run.filter }, (&mut *best, &mut run.first_cell[ray]));
+        run.scratch.hits[lane] = single::for_missing_leaves::<S, ANY>(s, tree, here, left, &cells, out);
         if (best.t, best.tri, best.block) != before {
             found::<ANY>(run, lane);
         }

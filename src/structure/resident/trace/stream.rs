@@ -25,7 +25,7 @@ const LEAVES: usize = LANES * 3 / 8;
 
 pub(super) fn run<const ANY: bool>(tree: Both, filter: Option<&PartFilter>, stream: &mut Stream, hits: &mut [TriHit]) {
     stream.unfinished.clear();
-    stream.transmitted.fill(f32::INFINITY);
+    stream.first_cell.fill(f32::INFINITY);
     dispatch(tree.blocks.isa(), Run::<ANY> { tree, filter, stream, hits });
 }
 
