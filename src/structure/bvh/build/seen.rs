@@ -314,9 +314,10 @@ impl<'a> Sampler<'a> {
                 Sub::Leaf { first, count, .. } => {
                     for r in &scene.refs[*first as usize..(first + count) as usize] {
                         let triangle = r.triangle() as u32;
-                        let hit = line.crosses(r).then(|| line.distance(s, &scene.input.triangles[r.triangle()]));
-                        let hit = hit.flatten().filter(|_| scene.input.is_opaque(scene.input.parts[r.triangle()]));
-                        let Some(t) = hit else { continue };
+                        if !line.crosses(r) || !scene.input.is_opaque(scene.input.parts[r.triangle()]) {
+                            continue;
+                        }
+                        let Some(t) = line.distance(s, &scene.input.triangles[r.triangle()]) else { continue };
                         // All distances are in the interval: they are no worse than the best one.
                         if best.is_none_or(|(at, id)| t != at || triangle < id) {
                             best = Some((t, triangle));
