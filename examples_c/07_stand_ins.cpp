@@ -1,9 +1,10 @@
-// Builds a mesh with both kinds of stand-ins, and writes the first picture of each beside the exact one: voxels, proxies,
-// exact. Prints how far they are off.
+// Builds a mesh with both kinds of stand-ins, and writes the first picture of each beside the exact one: voxels,
+// proxies, exact. Prints how far they are off.
 //
 //     07_stand_ins MESH VOXELS.oc PROXIES.oc PICTURE.png
 //
-// A first picture shows the data that opening reads, a quarter of the budget: other reads wait until the picture is there.
+// A first picture shows the data that opening reads, a quarter of the budget at most: other reads wait until the
+// picture is there.
 #include <outcrop.hpp>
 
 #include "png.h"
@@ -12,6 +13,7 @@
 #include <chrono>
 #include <condition_variable>
 #include <fstream>
+#include <memory>
 #include <mutex>
 #include <stdexcept>
 #include <thread>
@@ -54,9 +56,13 @@ struct Source {
         is_shut = is;
         is_opened.notify_all();
     }
+    std::uint64_t count() {
+        std::lock_guard<std::mutex> lock(mutex);
+        return bytes_read;
+    }
 };
 
-// Lets reads go on at the end of a block, also if a call has thrown: the release of a model waits for its reads.
+// Lets reads go on at the end of a block, also if a call throws: the release of a context waits for them.
 struct OpensAtEnd {
     Source &source;
     ~OpensAtEnd() { source.shut(false); }
@@ -104,6 +110,7 @@ Picture first(const char *path) {
     auto desc = outcrop::init<oc_context_desc>();
     desc.threads = OC_ALL_THREADS;
     desc.memory_budget = BUDGET;
+    desc.flags = OC_CONTEXT_NO_READ_AHEAD;
     const outcrop::context context(desc);
     std::unique_ptr<Source> source(new Source);
     source->file.open(path, std::ios::binary | std::ios::ate);
@@ -122,7 +129,7 @@ Picture first(const char *path) {
     while (!frame.accuracy().pictures) std::this_thread::sleep_for(std::chrono::milliseconds(1));
     Picture picture = taken(frame);
     frame.cancel();
-    picture.bytes_read = reads.bytes_read, picture.bytes = io.size;
+    picture.bytes_read = reads.count(), picture.bytes = io.size;
     return picture;
 }
 
@@ -183,7 +190,7 @@ void run(const char *mesh, const char *voxels, const char *proxies, const char *
             all.insert(all.end(), &pane.coded[4 * WIDTH * y], &pane.coded[4 * WIDTH * y] + 4 * WIDTH);
         }
     }
-    if (png_write(out, all.data(), 3 * WIDTH, HEIGHT, 12 * WIDTH)) throw std::runtime_error("the picture is not written");
+    if (png_write(out, all.data(), 3 * WIDTH, HEIGHT, 12 * WIDTH)) throw std::runtime_error("no picture is written");
 }
 
 } // namespace

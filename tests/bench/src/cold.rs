@@ -92,7 +92,10 @@ fn check(state: &FrameState, last: &Look, truth: &Look) -> Outcome {
     let is_exact = last.shown == truth.shown;
     match state {
         FrameState::Converged if is_exact => Ok(()),
-        FrameState::Converged => Err(Failure::new("wrong answers: a picture that has converged is not the exact one")),
+        FrameState::Converged => {
+            let differ = last.differences(truth);
+            Err(Failure::new(format!("wrong answers: a picture that has converged is not the exact one: {differ}")))
+        }
         FrameState::CompleteWithinBudget => Ok(()),
         other => Err(Failure::new(format!("a picture ends as {other:?}"))),
     }

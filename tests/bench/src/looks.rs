@@ -27,6 +27,22 @@ impl Look {
         Ok(Self { shown: Shown::of(frame)?, linear, parts: parts(frame)? })
     }
 
+    /// Pixels that differ, in words.
+    pub fn differences(&self, other: &Self) -> String {
+        fn count<T: PartialEq>(a: &[T], b: &[T], each: usize) -> usize {
+            a.chunks(each).zip(b.chunks(each)).filter(|(a, b)| a != b).count()
+        }
+        let (a, b) = (&self.shown, &other.shown);
+        format!(
+            "{} depths, {} normals, {} colours, {} parts of {} pixels",
+            count(&a.depths, &b.depths, 1),
+            count(&a.normals, &b.normals, 3),
+            count(&a.colours, &b.colours, 4),
+            count(&self.parts, &other.parts, 1),
+            a.depths.len()
+        )
+    }
+
     /// What a frame needs beside [`pictures::outputs`].
     pub fn outputs() -> Outputs {
         pictures::outputs() | Outputs::of(Buffer::ColourLinear) | Outputs::of(Buffer::Part)
