@@ -17,6 +17,8 @@ pub struct Measured {
     of: fn(&Accuracy) -> Option<f64>,
     /// Less is drawn as none: the axis would be its.
     least: f64,
+    /// Digits behind the point in titles.
+    digits: usize,
     note: &'static str,
 }
 
@@ -25,6 +27,7 @@ pub const FOREIGN: Measured = Measured {
     axis: || Axis::log("foreign parts, % of pixels"),
     of: |a| Some(100.0 * a.foreign?),
     least: 0.01,
+    digits: 1,
     note: "Foreign: a part that the exact picture has nowhere within 2 pixels (a scan of one part has none).",
 };
 
@@ -33,6 +36,7 @@ pub const BRIGHTNESS: Measured = Measured {
     axis: || Axis::span("linear brightness / exact"),
     of: |a| a.brightness,
     least: 0.0,
+    digits: 3,
     note: "Mean linear brightness over the pixels that the exact picture covers.",
 };
 
@@ -41,6 +45,7 @@ pub const FLIP: Measured = Measured {
     axis: || Axis::log("mean FLIP"),
     of: |a| a.flip,
     least: 1e-4,
+    digits: 3,
     note: "Less than 0.0001 is drawn as 0.",
 };
 
@@ -78,12 +83,11 @@ fn curve(cold: &Cold, measured: &Measured, way: fn(&Moment) -> f64) -> Curve {
 /// Of the first picture of each scene, by each kind.
 fn firsts(all: &[(&Record, &Cold)], scenes: &[(&str, &str)], measured: &Measured) -> String {
     let of_scene = |(scene, title): &(&str, &str)| {
-        let first = |(_, cold): &&(&Record, &Cold)| {
+        let first = |(_, cold): &(&Record, &Cold)| {
             let value = (measured.of)(&cold.pictures.first()?.accuracy)?;
-            Some(format!("{value:.3} {}", cold.structure))
+            Some(format!("{value:.*} {}", measured.digits, cold.structure))
         };
-        let values: Vec<String> =
-            all.iter().filter(|(r, _)| r.scene == *scene).collect::<Vec<_>>().iter().filter_map(first).collect();
+        let values: Vec<String> = all.iter().filter(|(r, _)| r.scene == *scene).filter_map(first).collect();
         let short = title.split([' ', ',']).next().unwrap_or(title);
         format!("{short} {}", values.join(", "))
     };
