@@ -20,7 +20,7 @@
 
 namespace {
 
-const std::uint32_t WIDTH = 640, HEIGHT = 400;
+const std::uint32_t WIDTH = 640, HEIGHT = 320;
 const std::uint64_t BUDGET = 8 << 20;
 // Pixels by which a part may be out of place.
 const int REACH = 2;
@@ -94,19 +94,32 @@ Picture taken(const outcrop::frame &frame) {
     return picture;
 }
 
-outcrop::frame request(const outcrop::context &context, const outcrop::model &model) {
+outcrop::scene place(const outcrop::context &context, const outcrop::model &model) {
     outcrop::scene scene(context);
     scene.add_instance(model, 1);
     scene.commit();
+    return scene;
+}
+
+// The camera that shows the whole as large as a pane allows, from the side of the model's first view.
+oc_camera fit(const outcrop::scene &scene, const oc_camera &view) {
+    auto desc = outcrop::init<oc_fit>();
+    desc.width = WIDTH, desc.height = HEIGHT;
+    desc.view = OC_VIEW_ALONG;
+    for (int axis = 0; axis < 3; axis++) desc.direction[axis] = view.at[axis] - view.eye[axis];
+    return scene.fit(desc);
+}
+
+outcrop::frame request(const outcrop::context &context, const outcrop::scene &scene, const oc_camera &camera) {
     auto desc = outcrop::init<oc_frame_desc>();
     desc.width = WIDTH, desc.height = HEIGHT;
     desc.buffers = 1u << OC_BUFFER_COLOUR_SRGB8 | 1u << OC_BUFFER_COLOUR_LINEAR | 1u << OC_BUFFER_PART;
     outcrop::frame frame(context, desc);
-    frame.request(scene, model.view(0));
+    frame.request(scene, camera);
     return frame;
 }
 
-Picture first(const char *path) {
+Picture first(const char *path, const oc_camera &camera) {
     auto desc = outcrop::init<oc_context_desc>();
     desc.threads = OC_ALL_THREADS;
     desc.memory_budget = BUDGET;
@@ -124,20 +137,13 @@ Picture first(const char *path) {
     const outcrop::model model = context.open(io);
     const OpensAtEnd opens{reads};
     reads.shut(true);
-    outcrop::frame frame = request(context, model);
+    outcrop::frame frame = request(context, place(context, model), camera);
     // No oc_frame_wait: a read must not wait for a thread that is in it.
     while (!frame.accuracy().pictures) std::this_thread::sleep_for(std::chrono::milliseconds(1));
     Picture picture = taken(frame);
     frame.cancel();
     picture.bytes_read = reads.count(), picture.bytes = io.size;
     return picture;
-}
-
-Picture exact(const outcrop::context &context, const char *path) {
-    const outcrop::model model = context.open(path);
-    const outcrop::frame frame = request(context, model);
-    frame.wait();
-    return taken(frame);
 }
 
 // Mean linear brightness over that of the exact picture, of the pixels that show a surface there.
@@ -175,7 +181,12 @@ void run(const char *mesh, const char *voxels, const char *proxies, const char *
     const outcrop::context context(OC_ALL_THREADS);
     build(context, mesh, voxels, OC_STAND_INS_VOXELS);
     build(context, mesh, proxies, OC_STAND_INS_PROXIES);
-    const Picture panes[3] = {first(voxels), first(proxies), exact(context, voxels)};
+    const outcrop::model model = context.open(voxels);
+    const outcrop::scene scene = place(context, model);
+    const oc_camera camera = fit(scene, model.view(0));
+    const outcrop::frame frame = request(context, scene, camera);
+    frame.wait();
+    const Picture panes[3] = {first(voxels, camera), first(proxies, camera), taken(frame)};
     const char *const names[2] = {"voxels", "proxies"};
     for (int i = 0; i < 2; i++) {
         const Picture &pane = panes[i];

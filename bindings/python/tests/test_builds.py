@@ -141,9 +141,9 @@ def test_stand_ins_by_name(context: outcrop.Context, tmp_path: Path) -> None:
     context.build_start(tmp_path / "m.oc", mesh, stand_ins="proxies").result()
     wrong: list[tuple[object, type[Exception]]] = [
         ("boxes", ValueError), ("PROXIES", ValueError), ("", ValueError), (2, TypeError), (b"voxels", TypeError)]
-    for kind, error in wrong:
+    for bad, error in wrong:
         with pytest.raises(error, match="stand_ins must be StandIns or one of 'auto', 'voxels', 'proxies', not "):
-            context.build(tmp_path / "wrong.oc", mesh, stand_ins=kind)  # type: ignore[arg-type]
+            context.build(tmp_path / "wrong.oc", mesh, stand_ins=bad)  # type: ignore[arg-type]
     assert not (tmp_path / "wrong.oc").exists()
 
 
