@@ -210,7 +210,13 @@ impl Model {
     /// For tests: opens a model with no block in memory and without read-ahead, so that every ray needs missing blocks.
     #[doc(hidden)]
     pub fn open_cold(context: &Context, path: impl AsRef<Path>) -> Result<Self> {
-        Self::open_with(context, Arc::new(FileSource::open(path)?), false, &Progress::default(), &Cancel::new())
+        Self::open_cold_source(context, Arc::new(FileSource::open(path)?))
+    }
+
+    /// For tests: [`Model::open_cold`] with bytes from `source`.
+    #[doc(hidden)]
+    pub fn open_cold_source(context: &Context, source: Arc<dyn Source>) -> Result<Self> {
+        Self::open_with(context, source, false, &Progress::default(), &Cancel::new())
     }
 
     fn open_with(

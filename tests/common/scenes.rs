@@ -181,8 +181,13 @@ pub fn plane_grid(n: usize, z: f64) -> Vec<Tri> {
 /// A forest of `wires` thin closed tubes on a round clearing of radius 10, each bent in `segments` pieces, from 2 to 6
 /// high and 4 to 12 thousandths thick: at every distance from which the whole is seen they are thinner than a pixel.
 pub fn wire_forest(wires: usize, segments: usize, seed: u64) -> Vec<Tri> {
+    self::wires(wires, segments, seed).flatten().collect()
+}
+
+/// The wires of [`wire_forest`], one by one.
+pub fn wires(count: usize, segments: usize, seed: u64) -> impl Iterator<Item = Vec<Tri>> {
     let mut rng = Rng::new(seed);
-    (0..wires).flat_map(|_| wire(&mut rng, segments)).collect()
+    (0..count).map(move |_| wire(&mut rng, segments))
 }
 
 /// A tube of five sides along a bent line, pointed at both ends.

@@ -11,7 +11,7 @@ from . import _abi
 from ._arrays import Array
 from ._build import Build, BuildJob, BuildReport, Resolver
 from ._callbacks import LOG, SUBMIT, Entry
-from ._enums import Buffer, ContextFlags, InstructionSet, LogLevel, Property, State
+from ._enums import Buffer, ContextFlags, InstructionSet, LogLevel, Property, StandIns, State
 from ._errors import Error
 from ._frame import Frame, Picture
 from ._handles import Handle, Reference, made
@@ -81,8 +81,10 @@ class Context(Handle):
         return Build(self._h, options, resolve)
 
     def build_start(self, path: str | os.PathLike[str], sources: Sources, *, options: BuildOptions | None = None,
-                    resolve: Resolver | None = None) -> BuildJob:
+                    stand_ins: StandIns | str | None = None, resolve: Resolver | None = None) -> BuildJob:
         """Begins `build` in the background: `await` the job, or call its `result()`."""
+        if stand_ins is not None:
+            options = BuildOptions(**{**vars(options or BuildOptions()), "stand_ins": _stand_ins(stand_ins)})
         with self.new_build(options, resolve=resolve) as build:
             for source in flatten(sources):
                 if isinstance(source, Mesh):
@@ -92,16 +94,18 @@ class Context(Handle):
             return build.start(path)
 
     def build(self, path: str | os.PathLike[str], sources: Sources, *, options: BuildOptions | None = None,
-              resolve: Resolver | None = None, progress: Callable[[float], object] | None = None) -> BuildReport:
+              stand_ins: StandIns | str | None = None, resolve: Resolver | None = None,
+              progress: Callable[[float], object] | None = None) -> BuildReport:
         """Builds the model file `path`. Waits until it is done; Ctrl-C cancels it and leaves no file.
 
         sources: paths of mesh files (PLY, OBJ, STL, glTF, GLB), `Mesh`, trimesh.Trimesh or Scene, pyvista.PolyData or
             MultiBlock; one of them, a list, or a dict whose keys are the names of the parts.
         options: memory budget, limits, up axis and the like.
+        stand_ins: the look of stand-ins: "auto", "voxels", "proxies", or one of StandIns. Overrides that of `options`.
         resolve: finds files that mesh files refer to.
         progress: is called about 20 times a second with the share that is done, 0 to 1.
         """
-        with self.build_start(path, sources, options=options, resolve=resolve) as job:
+        with self.build_start(path, sources, options=options, stand_ins=stand_ins, resolve=resolve) as job:
             return job.result(progress)
 
     def load(self, source: Source) -> Job[Model]:
@@ -184,3 +188,16 @@ class _LoadJob(Job[Model]):
 def _model(job: Reference, _progress: Progress) -> Model:
     """Returns the model of a load."""
     return Model(made(lib.oc_job_model, job), job)
+
+
+def _stand_ins(kind: StandIns | str) -> StandIns:
+    """Returns a kind of stand-ins, which may be given by its name."""
+    if isinstance(kind, StandIns):
+        return kind
+    kinds = {one.name.lower(): one for one in StandIns}
+    message = f"stand_ins must be StandIns or one of {', '.join(map(repr, kinds))}, not {kind!r}"
+    if not isinstance(kind, str):
+        raise TypeError(message)
+    if kind not in kinds:
+        raise ValueError(message)
+    return kinds[kind]

@@ -128,6 +128,25 @@ def test_stand_ins(context: outcrop.Context, tmp_path: Path) -> None:
         context.new_build(outcrop.BuildOptions(proxy_rays=1 << 21))
 
 
+def test_stand_ins_by_name(context: outcrop.Context, tmp_path: Path) -> None:
+    mesh = outcrop.Mesh(*bumps(20))
+    options = outcrop.BuildOptions(stand_ins=outcrop.StandIns.PROXIES, proxy_rays=16, proxy_triangles=100)
+    kinds: list[tuple[outcrop.StandIns | str | None, bool]] = [
+        (None, True), ("proxies", True), ("voxels", False), ("auto", False), (outcrop.StandIns.VOXELS, False)]
+    for kind, has_some in kinds:
+        context.build(tmp_path / "m.oc", mesh, options=options, stand_ins=kind)
+        with context.open(tmp_path / "m.oc") as model:
+            assert (model.info.proxies > 0) == has_some, kind
+    assert options.stand_ins == outcrop.StandIns.PROXIES
+    context.build_start(tmp_path / "m.oc", mesh, stand_ins="proxies").result()
+    wrong: list[tuple[object, type[Exception]]] = [
+        ("boxes", ValueError), ("PROXIES", ValueError), ("", ValueError), (2, TypeError), (b"voxels", TypeError)]
+    for bad, error in wrong:
+        with pytest.raises(error, match="stand_ins must be StandIns or one of 'auto', 'voxels', 'proxies', not "):
+            context.build(tmp_path / "wrong.oc", mesh, stand_ins=bad)  # type: ignore[arg-type]
+    assert not (tmp_path / "wrong.oc").exists()
+
+
 def test_normals_and_colours_of_vertices(context: outcrop.Context, tmp_path: Path) -> None:
     vertices, faces = bumps(20)
     tilted = numpy.zeros((len(vertices), 4))[:, :3] + (0.6, 0, 0.8)

@@ -1,6 +1,6 @@
 //! The benchmarks as data: what `benchmarks.toml` says, checked once.
 
-use outcrop::build::{BuildOptions, Splits, Structure};
+use outcrop::build::{BuildOptions, Splits, StandIns, Structure};
 use outcrop::scene::Camera;
 use serde::Deserialize;
 use std::collections::BTreeSet;
@@ -33,10 +33,17 @@ pub struct StructureRow {
     /// [`Splits::name`].
     #[serde(default = "automatic")]
     pub splits: String,
+    /// [`StandIns::name`].
+    #[serde(default = "automatic_look")]
+    pub stand_ins: String,
 }
 
 fn automatic() -> String {
     Splits::default().name().into()
+}
+
+fn automatic_look() -> String {
+    StandIns::default().name().into()
 }
 
 impl StructureRow {
@@ -45,9 +52,11 @@ impl StructureRow {
         let unknown = |what: &str| format!("structure {:?}: no {what}", self.name);
         let structure = Structure::ALL.into_iter().find(|s| s.name() == self.structure);
         let splits = Splits::ALL.into_iter().find(|s| s.name() == self.splits);
+        let stand_ins = StandIns::ALL.into_iter().find(|s| s.name() == self.stand_ins);
         Ok(BuildOptions {
             structure: structure.ok_or_else(|| unknown(&format!("structure {:?}", self.structure)))?,
             splits: splits.ok_or_else(|| unknown(&format!("splits {:?}", self.splits)))?,
+            stand_ins: stand_ins.ok_or_else(|| unknown(&format!("stand-ins {:?}", self.stand_ins)))?,
             ..BuildOptions::default()
         })
     }
@@ -155,6 +164,10 @@ pub struct Benchmark {
     /// Bytes a second that a throttled source gives, for `measure = "cold"`.
     #[serde(default)]
     pub rates: Vec<Bytes>,
+    /// Whether models are opened without any block, and nothing is read but what pictures ask for, for `measure =
+    /// "cold"`. By default opening reads coarse blocks, and the rest is read in the background if it fits.
+    #[serde(default)]
+    pub on_demand: bool,
     /// Only with `FULL=1`: it takes long, or much memory.
     #[serde(default)]
     pub full: bool,
@@ -449,6 +462,17 @@ mod tests {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR"));
         let data = Data::read(&folder.join("benchmarks.toml")).expect("the benchmarks");
         assert!(data.benchmarks.iter().any(|b| !b.full) && data.benchmarks.iter().any(|b| b.full));
+    }
+
+    #[test]
+    fn structures_have_kinds_of_stand_ins() {
+        let of = |text: &str| {
+            let row: StructureRow = toml::from_str(&format!("name = 'a'\nstructure = 'bvh'\n{text}")).expect("a row");
+            row.options().map(|options| options.stand_ins)
+        };
+        assert_eq!(of(""), Ok(StandIns::Auto));
+        assert_eq!(of("stand_ins = 'proxies'"), Ok(StandIns::Proxies));
+        assert!(of("stand_ins = 'boxes'").expect_err("no kind").contains("boxes"));
     }
 
     #[test]

@@ -14,6 +14,7 @@ mod decode;
 mod everyday;
 mod expected;
 mod failure;
+mod looks;
 mod ours;
 mod pairs;
 mod peers;

@@ -13,20 +13,27 @@ use outcrop::scene::{Camera, Context};
 use outcrop::{Buffer, Frame, FrameOptions, FrameSettings, FrameState, FrameStatus, Outputs};
 use std::time::{Duration, Instant};
 
+/// What [`Shown`] compares.
+pub fn outputs() -> Outputs {
+    Outputs::COLOUR | Outputs::of(Buffer::Depth) | Outputs::of(Buffer::Normal) | Outputs::of(Buffer::Kind)
+}
+
 /// A frame with all that is compared.
-pub fn frame(context: &Context, (width, height): (u32, u32)) -> Result<Frame, Failure> {
-    let outputs =
-        Outputs::COLOUR | Outputs::of(Buffer::Depth) | Outputs::of(Buffer::Normal) | Outputs::of(Buffer::Kind);
+fn frame(context: &Context, size: (u32, u32)) -> Result<Frame, Failure> {
+    frame_with(context, outputs(), size)
+}
+
+pub fn frame_with(context: &Context, outputs: Outputs, (width, height): (u32, u32)) -> Result<Frame, Failure> {
     Ok(Frame::new(context, FrameOptions { width, height, outputs, ..FrameOptions::default() })?)
 }
 
 /// A frame with what a viewer shows: what is timed.
-fn colours(context: &Context, (width, height): (u32, u32)) -> Result<Frame, Failure> {
-    Ok(Frame::new(context, FrameOptions { width, height, outputs: Outputs::COLOUR, ..FrameOptions::default() })?)
+fn colours(context: &Context, size: (u32, u32)) -> Result<Frame, Failure> {
+    frame_with(context, Outputs::COLOUR, size)
 }
 
 /// Asks for a picture, and waits until it rests.
-fn render(frame: &Frame, ours: &Ours, camera: &Camera, poe: f32) -> Result<FrameStatus, Failure> {
+pub fn render(frame: &Frame, ours: &Ours, camera: &Camera, poe: f32) -> Result<FrameStatus, Failure> {
     frame.request(&ours.state, camera, &FrameSettings { poe, ..FrameSettings::default() })?;
     let status = frame.wait(Duration::from_secs(600));
     match status.state {

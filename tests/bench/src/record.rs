@@ -142,6 +142,11 @@ pub struct Accuracy {
     pub flip: Option<f64>,
     /// Mean SSIM, of pictures.
     pub ssim: Option<f64>,
+    /// Of the pixels with surface, the share that shows a part which the exact picture has nowhere near
+    /// (`tests/common/foreign.rs`), of cold pictures of several parts.
+    pub foreign: Option<f64>,
+    /// Linear brightness over that of the exact picture, of cold pictures.
+    pub brightness: Option<f64>,
 }
 
 /// A picture from nothing in memory.
@@ -163,6 +168,9 @@ pub struct Cold {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Moment {
     pub seconds: f64,
+    /// Since opening began.
+    #[serde(default)]
+    pub bytes_read: u64,
     pub accuracy: Accuracy,
 }
 
@@ -371,7 +379,11 @@ pub mod tests {
             budget: 64 << 20,
             rate: 100 << 20,
             opened_seconds: 0.01,
-            pictures: vec![Moment { seconds: 0.1, accuracy: Accuracy { mean_px: 1.0 / 3.0, ..Accuracy::default() } }],
+            pictures: vec![Moment {
+                seconds: 0.1,
+                bytes_read: 3,
+                accuracy: Accuracy { mean_px: 1.0 / 3.0, ..Accuracy::default() },
+            }],
             bytes_resident: 5,
         };
         let seconds = Spread { median: 2.0, least: 1.0, most: 3.0 };

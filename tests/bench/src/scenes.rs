@@ -59,7 +59,8 @@ pub struct Scene {
 
 enum Source {
     Generator(String),
-    Triangles(Vec<[DVec3; 3]>),
+    /// Of each part.
+    Triangles(Vec<Vec<[DVec3; 3]>>),
     File(PathBuf),
     Assembly(assemblies::Kind),
     Everyday(everyday::Kind),
@@ -89,9 +90,12 @@ impl Scene {
                 let options = GenerateOptions { triangles: self.row.triangles, seed: self.row.seed };
                 generate(name, &options, &Cancel::new(), sink)?;
             }
-            Source::Triangles(triangles) => {
-                let part = sink.part(PartDesc { id: Some(1), name: self.row.name.clone(), ..PartDesc::default() })?;
-                sink.triangles(MeshKey::DIRECT, part, triangles, Attributes::NONE)?;
+            Source::Triangles(parts) => {
+                for (id, triangles) in (1..).zip(parts) {
+                    let name = self.row.name.clone();
+                    let part = sink.part(PartDesc { id: Some(id), name, ..PartDesc::default() })?;
+                    sink.triangles(MeshKey::DIRECT, part, triangles, Attributes::NONE)?;
+                }
             }
             Source::File(path) => read_file(path, &ReadOptions::default(), sink)?,
             Source::Assembly(kind) => kind.fill(&self.row, sink)?,
@@ -182,10 +186,11 @@ pub fn builder(structure: &StructureRow, threads: usize) -> Result<Builder, Fail
     Ok(Builder::new(options, Arc::new(Progress::default()), Cancel::new())?)
 }
 
-/// A scene of `tests/common/scenes.rs`.
-fn formula(name: &str, row: &SceneRow) -> Result<Vec<[DVec3; 3]>, Failure> {
+/// A scene of `tests/common/scenes.rs`, part by part.
+fn formula(name: &str, row: &SceneRow) -> Result<Vec<Vec<[DVec3; 3]>>, Failure> {
     match name {
-        "wire_forest" => Ok(scenes::wire_forest(row.count, 24, row.seed)),
+        "wire_forest" => Ok(vec![scenes::wire_forest(row.count, 24, row.seed)]),
+        "wires" => Ok(scenes::wires(row.count, 24, row.seed).collect()),
         _ => Err(Failure::new(format!("scene {:?}: no formula {name:?}", row.name))),
     }
 }

@@ -7,8 +7,9 @@ use super::pick;
 use crate::record::{Cold, Moment, Outcomes, Record};
 
 pub fn sheet(records: &[Record]) -> Option<Sheet> {
-    let all: Vec<(&Record, &Cold)> =
-        records.iter().filter_map(|r| if let Outcomes::Cold(c) = &r.result { Some((r, c)) } else { None }).collect();
+    let all = records.iter().filter_map(|r| if let Outcomes::Cold(c) = &r.result { Some((r, c)) } else { None });
+    // Kinds of stand-ins have charts of their own.
+    let all: Vec<(&Record, &Cold)> = all.filter(|(r, _)| r.benchmark != super::stand_ins::BENCHMARK).collect();
     let is_full = all.iter().any(|(r, _)| r.benchmark.ends_with("-full"));
     let all: Vec<_> = all.into_iter().filter(|(r, _)| r.benchmark.ends_with("-full") == is_full).collect();
     let mut rates: Vec<u64> = all.iter().map(|(_, c)| c.rate).collect();

@@ -11,6 +11,7 @@ mod memory;
 mod mended;
 mod pick;
 mod speed;
+mod stand_ins;
 mod table5;
 
 use crate::failure::{Failure, Outcome};
@@ -35,6 +36,9 @@ fn sheets(records: &[Record]) -> Vec<(&'static str, Sheet)> {
         ("lod", lod::sheet(records)),
         ("cold", cold::sheet(records)),
         ("builds", builds::sheet(records)),
+        ("stand-ins-foreign", stand_ins::sheet(records, &stand_ins::FOREIGN)),
+        ("stand-ins-brightness", stand_ins::sheet(records, &stand_ins::BRIGHTNESS)),
+        ("stand-ins-flip", stand_ins::sheet(records, &stand_ins::FLIP)),
     ];
     all.into_iter().filter_map(|(name, sheet)| sheet.map(|sheet| (name, sheet))).collect()
 }
@@ -88,21 +92,29 @@ mod tests {
                 }
             }
         }
-        let moment =
-            |seconds: f64, mean_px: f64| Moment { seconds, accuracy: Accuracy { mean_px, ..Accuracy::default() } };
+        let moment = |seconds: f64, mean_px: f64| {
+            let some = Some(mean_px / 10.0);
+            let accuracy = Accuracy { mean_px, flip: some, foreign: some, brightness: some, ..Accuracy::default() };
+            Moment { seconds, bytes_read: (1e6 * seconds) as u64, accuracy }
+        };
+        let cold = |structure: &str, budget| Cold {
+            structure: structure.into(),
+            view: 0,
+            poe: 0.0,
+            threads: 2,
+            budget,
+            rate: 100 << 20,
+            opened_seconds: 0.1,
+            pictures: vec![moment(0.2, 5.0), moment(0.9, 0.0)],
+            bytes_resident: 1,
+        };
         for budget in [16 << 20, 1 << 30] {
-            let cold = Cold {
-                structure: "bvh".into(),
-                view: 0,
-                poe: 0.0,
-                threads: 2,
-                budget,
-                rate: 100 << 20,
-                opened_seconds: 0.1,
-                pictures: vec![moment(0.2, 5.0), moment(0.9, 0.0)],
-                bytes_resident: 1,
-            };
-            all.push(record("a scan", &format!("cold {budget}"), Outcomes::Cold(cold)));
+            all.push(record("a scan", &format!("cold {budget}"), Outcomes::Cold(cold("bvh", budget))));
+        }
+        for kind in ["voxels", "proxies"] {
+            let mut one = record("a soup", &format!("cold {kind}"), Outcomes::Cold(cold(kind, 1 << 30)));
+            one.benchmark = stand_ins::BENCHMARK.into();
+            all.push(one);
         }
         let outcome = |side: &str, quality: &str| {
             let seconds = Spread { median: 0.5, least: 0.4, most: 0.9 };
@@ -130,7 +142,17 @@ mod tests {
         let drawn = sheets(&records());
         assert_eq!(
             drawn.iter().map(|s| s.0).collect::<Vec<_>>(),
-            ["speed", "coverage", "memory", "lod", "cold", "builds"]
+            [
+                "speed",
+                "coverage",
+                "memory",
+                "lod",
+                "cold",
+                "builds",
+                "stand-ins-foreign",
+                "stand-ins-brightness",
+                "stand-ins-flip"
+            ]
         );
         for (name, sheet) in drawn {
             let svg = draw::svg(&sheet).expect("a chart");
