@@ -255,6 +255,33 @@ fn a_disk_that_is_back_is_read_again() {
     }
 }
 
+/// Ids decide which of two surfaces at the same distance is shown. Without them one of the two is shown: no hole.
+#[test]
+fn ids_that_cannot_be_read_leave_no_holes() {
+    let tris = scenes::bumpy_sphere(60, 90, 1);
+    let built = built::parts(&[Part::white(5, tris.clone()), Part::white(6, tris)]);
+    let geometry = ModelFile::open_path(&built.path).expect("the file").header().geometry_blocks;
+    let ids = blocks(&built.path).split_off(geometry as usize);
+    assert!(!ids.is_empty());
+    let depths = |fails: bool| {
+        let ids = ids.clone();
+        let source = meddled(&built.path, move |at, read| {
+            let is_id = ids.iter().any(|block| reaches(at, read.len(), block));
+            if fails && is_id { Err(io::ErrorKind::ConnectionReset.into()) } else { Ok(()) }
+        });
+        let context = built::context(2);
+        let (state, _model) = open(&context, source).expect("it opens");
+        let frame = frame(&context);
+        frame.request(&state, &camera(), &FrameSettings { poe: 0.0, ..Default::default() }).expect("a request");
+        let status = frame.wait(LONG);
+        assert_eq!(status.state == FrameState::Converged, !fails, "{status:?}");
+        bytes_of(&frame).swap_remove(Buffer::Depth as usize)
+    };
+    let exact = depths(false);
+    assert!(exact.chunks(4).filter(|depth| depth != &f32::INFINITY.to_le_bytes()).count() > 1000);
+    assert!(depths(true) == exact, "pixels lack their surface");
+}
+
 #[test]
 fn exact_queries_of_a_failing_disk_end() {
     let path = &whole().built.path;

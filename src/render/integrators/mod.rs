@@ -13,7 +13,7 @@ mod surfaces;
 use crate::math::srgb::Srgb;
 use crate::math::{BUNDLE, PACKET};
 use crate::render::tone::Tone;
-use crate::scene::walk::Need;
+use crate::scene::walk::{Need, SceneView};
 use crate::simd::Isa;
 use direct::{Direct, Pixels, Scratch};
 
@@ -59,7 +59,8 @@ impl Integrator<'_> {
         direct.begin(packets, scratch);
     }
 
-    /// Renders a sample of the pixels in `active`: see [`Direct::packet`].
+    /// Renders a sample of the pixels in `active`: see [`Direct::packet`]. If a block with ids, colours or normals is
+    /// missing where all geometry is in memory, it is wanted, and the packet is rendered without it.
     pub fn packet(
         &self,
         pixels: &Pixels,
@@ -69,6 +70,12 @@ impl Integrator<'_> {
         scratch: &mut Scratch,
     ) -> Result<(), Need> {
         let Self::Direct(direct) = self;
-        direct.packet(pixels, active, number, sums, scratch)
+        let Err(need) = direct.packet(pixels, active, number, sums, scratch) else { return Ok(()) };
+        if direct.view.accept_missing {
+            return Err(need);
+        }
+        scratch.wants.add(need, f32::MAX);
+        let without = Direct { view: SceneView { accept_missing: true, ..direct.view }, ..*direct };
+        without.packet(pixels, active, None, sums, scratch)
     }
 }
