@@ -319,10 +319,10 @@ impl Op for OfTreelet<'_> {
             return walls;
         }
         let of_leaves = (scene.beside.of_leaves * sums.near()).min(1.0);
-        // A loop: a closure of an iterator is compiled without the vector instructions, and takes twice the time.
-        let mut codes = Vec::with_capacity(all.len());
+        // No iterator: its closure is compiled without the vector instructions, and takes twice the time.
+        let mut codes = Vec::new();
         for cell in &all {
-            let beside = if matches!(cell.sub, Sub::InnerNode(_)) { scene.beside.of_nodes } else { of_leaves };
+            let beside = if let Sub::InnerNode(_) = cell.sub { scene.beside.of_nodes } else { of_leaves };
             codes.push(asker.together(s, cell, LINES[0]).code(beside));
         }
         Known { codes, ..walls }
@@ -481,13 +481,9 @@ impl<'a> Asker<'a> {
             }
             put(&mut found, i, self.scene.meets(s, &line, SEEK, &mut self.stack));
         }
-        let weight = |set| self.lines.weight(set);
-        Asked {
-            all: weight(&self.lines.all),
-            transmitted: weight(transmitted),
-            sought: weight(&sought),
-            found: weight(&found),
-        }
+        let sets = [&self.lines.all, transmitted, &sought, &found];
+        let [all, transmitted, sought, found] = sets.map(|set| self.lines.weight(set));
+        Asked { all, transmitted, sought, found }
     }
 }
 

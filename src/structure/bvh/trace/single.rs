@@ -490,14 +490,11 @@ fn stand_in_for_missing<S: Simd, const ANY: bool>(
     }
     let tri = stand_in::missing_code(node, slot, is_inside);
     let [enter, leave] = cells.within(s, here.node(), [met.enter, crossing[1]]);
-    let mut t = met.enter.to_array()[slot & 7];
-    if !is_inside {
-        if enter.le(leave).bits() >> slot & 1 == 0 {
-            return;
-        }
-        t = enter.to_array()[slot & 7];
-        *first_cell = first_cell.min(t);
+    if !is_inside && enter.le(leave).bits() >> slot & 1 == 0 {
+        return;
     }
+    let t = (if is_inside { met.enter } else { enter }).to_array()[slot & 7];
+    *first_cell = if is_inside { *first_cell } else { first_cell.min(t) };
     if filter.is_some_and(|filter| filter.is_beyond(t)) {
         return;
     }
