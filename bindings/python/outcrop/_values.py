@@ -397,8 +397,8 @@ class Hit(Value):
 
     - Exact hit: `t` less the possible rounding error.
     - Miss: infinity.
-    - Hit or miss after a stand-in transmitted the ray: its own `t_free` as above, or that of the hit if no stand-
-      in transmitted the ray, whichever is smaller.
+    - Stand-in, and a hit or a miss of a ray that entered stand-ins before: the distance at which the ray first
+      entered one, less the possible rounding error. (A stand-in may transmit the ray.)
     """
     part: int = 0
     """Id of the part, as passed when the model was built. Miss: OC_NO_ID."""
