@@ -141,8 +141,9 @@ fn check(tree: &TestTree, size: u32, seed: u64) -> Tally {
         {
             for (poe, is_filtered) in [(0.0, false), (0.0, true), (1.0, false), (30.0, false), (30.0, true)] {
                 let filter = is_filtered.then_some(filter);
-                let (view, all) =
-                    (TreeView { accept_missing, ..tree.view(snapshot, isa) }, tree.view(&tree.snapshot, isa));
+                // Walks that accept missing data do not wait for ids either.
+                let view = TreeView { accept_missing, ties_by_place: accept_missing, ..tree.view(snapshot, isa) };
+                let all = tree.view(&tree.snapshot, isa);
                 let case = Case { view, all, filter, poe };
                 for i in 0..TILES * TILES {
                     // The middle, and of every second picture a corner: of a wide one nearly across the view.

@@ -1,7 +1,9 @@
 //! Frames of models that are not in memory, or do not fit: a whole picture at once, finer as blocks come, inside the
 //! budget, and quiet when the camera rests.
 
-use crate::common::built;
+use crate::common::built::{self, Part};
+use crate::common::rng::Rng;
+use crate::common::scenes::{self, rounded};
 use crate::common::sources::{Gate, OpensAtEnd};
 use glam::{DAffine3, DVec3};
 use outcrop::base::error::Error;
@@ -433,6 +435,43 @@ fn a_picture_that_has_converged_is_exact_from_inside_and_in_shadow() {
             assert_eq!(differ, 0, "{buffer:?} from {eye}: bytes that differ of {}", exact.len());
         }
     }
+}
+
+/// Of triangles at the same distance the picture shows the one with the lowest primitive id, also if no id was in
+/// memory when the rays met them.
+#[test]
+fn ties_do_not_depend_on_what_is_in_memory() {
+    let mut rng = Rng::new(5);
+    // All lie in one plane, and a ray's way to it is a power of two, so that distances are equal to the bit.
+    let mut triangle = |_| {
+        let at = DVec3::new(rng.between(-1.0, 1.0), rng.between(-1.0, 1.0), 0.0);
+        [0, 1, 2].map(|_| rounded(at + DVec3::new(rng.between(-0.03, 0.03), rng.between(-0.03, 0.03), 0.0)))
+    };
+    let parts: Vec<Part> =
+        (0..32).map(|id| Part::white(id, (0..2000).map(&mut triangle).filter(scenes::has_area).collect())).collect();
+    let built = built::parts(&parts);
+    let eye = DVec3::new(-0.6, 0.5, 1.0);
+    let camera = Camera::Orthographic { eye, at: eye - DVec3::Z, up: DVec3::Y, height: 0.4 };
+    // A tenth of the model, and then with all of its geometry in memory.
+    let [some, all] = [false, true].map(|is_loaded| {
+        let context = context(2, 1 << 30);
+        let model = Model::open_cold(&context, &built.path).expect("it opens");
+        let scene = Scene::new(&context);
+        scene.add_instance(&model, 7, DAffine3::IDENTITY).expect("an instance");
+        scene.commit().expect("a commit");
+        assert!(!is_loaded || model.load(&Cancel::new()).expect("it loads"));
+        let outputs = Outputs::of(Buffer::Part) | Outputs::of(Buffer::Kind);
+        let options = FrameOptions { width: SIZE.0, height: SIZE.1, outputs, ..Default::default() };
+        let frame = Frame::new(&context, options).expect("a frame");
+        frame.request(&scene.state(), &camera, &FrameSettings { poe: 0.0, ..Default::default() }).expect("a request");
+        let status = frame.wait(LONG);
+        assert_eq!((status.state, status.pixels_exact), (FrameState::Converged, status.pixels_total));
+        let is_whole = model.memory().resident >= model.memory().geometry;
+        assert_eq!(is_whole, is_loaded, "{:?}", model.memory());
+        frame.map(Buffer::Part).expect("a picture").bytes().to_vec()
+    });
+    let differ = some.chunks(8).zip(all.chunks(8)).filter(|(a, b)| a != b).count();
+    assert_eq!(differ, 0, "pixels of {} that show other parts", some.len() / 8);
 }
 
 /// Each read of a block, by where it begins.

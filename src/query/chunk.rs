@@ -33,6 +33,7 @@ impl Task {
         let widen_interval = self.any || self.want.any_of(Want::MEETING);
         SceneView {
             accept_missing: self.policy == Policy::Now,
+            ties_by_place: self.policy == Policy::Now,
             widen_interval,
             ..SceneView::new(scene, snapshots, stamp)
         }

@@ -194,6 +194,9 @@ pub(crate) struct SceneView<'a> {
     pub snapshots: &'a Snapshots,
     /// True if stand-ins replace blocks that are not in memory. Otherwise walks stop and request these blocks.
     pub accept_missing: bool,
+    /// True if places decide ties between triangles whose primitive ids are not in memory. Otherwise walks stop and
+    /// request the ids' blocks.
+    pub ties_by_place: bool,
     /// The stamp of the visiting pass, see `residency::View`.
     pub stamp: u32,
     /// Once it is set, walks end soon; their results have no meaning then.
@@ -280,7 +283,16 @@ impl SceneWalk {
 impl<'a> SceneView<'a> {
     /// A view for exact walks that wait for blocks.
     pub fn new(scene: &'a SceneState, snapshots: &'a Snapshots, stamp: u32) -> Self {
-        Self { scene, snapshots, accept_missing: false, stamp, stop: &NEVER, widen_interval: false, within: None }
+        Self {
+            scene,
+            snapshots,
+            accept_missing: false,
+            ties_by_place: false,
+            stamp,
+            stop: &NEVER,
+            widen_interval: false,
+            within: None,
+        }
     }
 
     /// The missing block that a hit on a stand-in replaces, if there is one.
@@ -293,8 +305,9 @@ impl<'a> SceneView<'a> {
     #[inline]
     pub fn tree(&self, placed: u32) -> Tree<'a> {
         let p = &self.scene.placement.placed[placed as usize];
-        let Self { accept_missing, stamp, stop, .. } = *self;
-        let visit = Visit { accept_missing, stamp, shown: self.scene.shown_blocks(placed), proxies: None, stop };
+        let Self { accept_missing, ties_by_place, stamp, stop, .. } = *self;
+        let shown = self.scene.shown_blocks(placed);
+        let visit = Visit { accept_missing, ties_by_place, stamp, shown, proxies: None, stop };
         self.model_of(placed).tree_in(p.tree, &self.snapshots.0[p.model as usize], visit)
     }
 

@@ -41,6 +41,9 @@ pub static NEVER: AtomicBool = AtomicBool::new(false);
 pub struct Visit<'a> {
     /// Walks show stand-ins for blocks that are not in memory. Otherwise they stop at these blocks and request them.
     pub accept_missing: bool,
+    /// Walks decide ties between triangles by their places in the tree if primitive ids are not in memory. Otherwise
+    /// they stop at the blocks of the ids and request them.
+    pub ties_by_place: bool,
     /// Number of the pass. Blocks that the walk reads get it as their last-used stamp, and stay in memory as long as
     /// the pass needs them.
     pub stamp: u32,
@@ -55,7 +58,7 @@ pub struct Visit<'a> {
 
 impl Default for Visit<'_> {
     fn default() -> Self {
-        Self { accept_missing: false, stamp: 0, shown: None, proxies: None, stop: &NEVER }
+        Self { accept_missing: false, ties_by_place: false, stamp: 0, shown: None, proxies: None, stop: &NEVER }
     }
 }
 

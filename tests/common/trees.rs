@@ -101,6 +101,7 @@ impl TestTree {
             normals_at: None,
             isa,
             accept_missing: false,
+            ties_by_place: false,
             stamp: 1,
             shown: None,
             proxies: None,

@@ -59,8 +59,8 @@ impl Integrator<'_> {
         direct.begin(packets, scratch);
     }
 
-    /// Renders a sample of the pixels in `active`: see [`Direct::packet`]. If a block with ids, colours or normals is
-    /// missing where all geometry is in memory, it is wanted, and the packet is rendered without it.
+    /// Renders a sample of the pixels in `active`: see [`Direct::packet`]. If it fails for lack of a block with ids,
+    /// colours or normals, that block is wanted, and the packet is rendered without it: ties are decided by places.
     pub fn packet(
         &self,
         pixels: &Pixels,
@@ -71,11 +71,10 @@ impl Integrator<'_> {
     ) -> Result<(), Need> {
         let Self::Direct(direct) = self;
         let Err(need) = direct.packet(pixels, active, number, sums, scratch) else { return Ok(()) };
-        if direct.view.accept_missing {
-            return Err(need);
-        }
-        scratch.wants.add(need, f32::MAX);
-        let without = Direct { view: SceneView { accept_missing: true, ..direct.view }, ..*direct };
+        // Where geometry is missing too, that is wanted first.
+        scratch.wants.add(need, if direct.view.accept_missing { 1.0 } else { f32::MAX });
+        let without =
+            Direct { view: SceneView { accept_missing: true, ties_by_place: true, ..direct.view }, ..*direct };
         without.packet(pixels, active, None, sums, scratch)
     }
 }

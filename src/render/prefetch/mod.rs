@@ -370,7 +370,7 @@ impl Walk {
     /// Works on a small piece. Returns true if there is more.
     fn step(&mut self, scene: &SceneState, stamp: u32) -> bool {
         let Some(snapshots) = &self.snapshots else { return false };
-        let view = SceneView { accept_missing: true, ..SceneView::new(scene, snapshots, stamp) };
+        let view = SceneView { accept_missing: true, ties_by_place: true, ..SceneView::new(scene, snapshots, stamp) };
         match &mut self.aim {
             Aim::Box(walk) => walk.step(&view, &mut self.lacking),
             Aim::View(walk) => walk.step(&view, &mut self.lacking),

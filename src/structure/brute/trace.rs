@@ -229,8 +229,7 @@ impl<'a> TreeView<'a> {
         walk.counters.ties += 1;
         match (self.prim(hit), self.prim(best)) {
             (Ok(a), Ok(b)) => Ok((a, hit.place()) < (b, best.place())),
-            // Walks that never wait decide by block and item instead.
-            _ if self.visit.accept_missing => Ok((hit.block, hit.tri) < (best.block, best.tri)),
+            _ if self.visit.ties_by_place => Ok((hit.block, hit.tri) < (best.block, best.tri)),
             (a, b) => Ok((a?, hit.place()) < (b?, best.place())),
         }
     }

@@ -61,7 +61,7 @@ impl Start {
     /// The tree in a snapshot.
     #[inline]
     pub fn view<'a>(&self, snapshot: &'a Snapshot, max_coord: f32, isa: Isa, visit: Visit<'a>) -> TreeView<'a> {
-        let Visit { accept_missing, stamp, shown, proxies, stop } = visit;
+        let Visit { accept_missing, ties_by_place, stamp, shown, proxies, stop } = visit;
         TreeView {
             snapshot,
             root_block: self.first_block,
@@ -73,6 +73,7 @@ impl Start {
             normals_at: self.normals_at,
             isa,
             accept_missing,
+            ties_by_place,
             stamp,
             shown,
             proxies,

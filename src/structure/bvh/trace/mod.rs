@@ -74,6 +74,9 @@ pub struct TreeView<'a> {
     /// True if cells stand in for blocks that are not in memory. Otherwise a walk that needs such a block returns
     /// [`Outcome::Pending`].
     pub accept_missing: bool,
+    /// True if places decide ties between triangles whose primitive ids are not in memory. Otherwise a walk that meets
+    /// such a tie returns [`Outcome::Pending`].
+    pub ties_by_place: bool,
     /// Stamp of the pass that traces. Blocks with the stamp of a live pass are not evicted.
     pub stamp: u32,
     /// Blocks that walks pass by, because all parts in and below them are hidden. Walks find [`NOTHING`] there.

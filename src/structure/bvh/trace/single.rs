@@ -230,8 +230,7 @@ fn tie(view: &TreeView, hit: &TriHit, best: &TriHit, counters: &mut Counters) ->
     counters.ties += 1;
     match (view.prim(hit), view.prim(best)) {
         (Ok(a), Ok(b)) => Ok((a, hit.place()) < (b, best.place())),
-        // A walk that never waits for blocks compares positions in the tree.
-        _ if view.accept_missing => Ok((hit.block, hit.tri) < (best.block, best.tri)),
+        _ if view.ties_by_place => Ok((hit.block, hit.tri) < (best.block, best.tri)),
         (a, b) => Ok((a?, hit.place()) < (b?, best.place())),
     }
 }
