@@ -16,6 +16,8 @@ mod degenerate;
 mod dense;
 #[path = "stability/far.rs"]
 mod far;
+#[path = "stability/foliage.rs"]
+mod foliage;
 #[path = "stability/hidden.rs"]
 mod hidden;
 #[path = "stability/normals.rs"]

@@ -43,6 +43,29 @@ pub fn stopped(word: u32) -> u32 {
     square + (square >> 5)
 }
 
+/// Bit of the likeness that is set in all voxels that are not along axes: the likeness of all sides is 2/3 or more. It
+/// is clear in the first word of a voxel with loose content.
+const FIRM: u32 = 1 << 23;
+/// The likeness in a first word.
+const LIKENESS: u32 = 0xff << 16;
+
+/// Marks the content of a voxel as loose, as leaves are, in its first word. (Not of a voxel along axes.)
+pub const fn loosened(first: u32) -> u32 {
+    first & !FIRM
+}
+
+/// True if a voxel's first word states that its content is loose.
+#[inline]
+pub fn is_loose(first: u32) -> bool {
+    first & FIRM == 0 && first & LIKENESS != 0
+}
+
+/// The first word of a voxel as that of a sample, also if its content is loose.
+#[inline]
+pub fn of_sample(first: u32) -> u32 {
+    if is_loose(first) { first | FIRM } else { first }
+}
+
 /// Flag: the voxel has a sample for each side.
 const SIX: u32 = 1 << 24;
 /// Flag: the voxel has colours of its own; otherwise the current colour of its part applies.
@@ -369,6 +392,17 @@ mod tests {
         for code in 0..64u8 {
             let share = f64::from(stopped(stop_bits(code) | 0x3ff_ffff)) / 4096.0;
             assert!((share - (f64::from(code) / 63.0).powi(2)).abs() < 1e-3, "{code}: {share}");
+        }
+    }
+
+    /// Of all likenesses that voxels have: 2/3 and more, or 0 along axes.
+    #[test]
+    fn loose_content_keeps_its_sample() {
+        for likeness in (170..=255u32).chain([0]) {
+            let first = likeness << 16 | SIX | 0x1234;
+            assert!(!is_loose(first) && of_sample(first) == first, "{likeness}");
+            let loose = loosened(first);
+            assert_eq!((is_loose(loose), of_sample(loose)), (likeness > 0, first), "{likeness}");
         }
     }
 

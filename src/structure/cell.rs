@@ -45,6 +45,8 @@ pub struct Cells<const N: usize> {
     pub of_proxies: u32,
     /// Shares of the three samples of the rays in `of_proxies`.
     pub shares: [[f32; N]; 3],
+    /// Rays that hit a cell with loose content, such as leaves, which transmits other rays.
+    pub loose: u32,
     /// Rays that hit a cell with colours of its own, which replace the colours of its part.
     pub coloured: u32,
     /// Rays from which a curtain hides the cell (`lod::Curtain`): their sample is that of the curtain.
@@ -64,6 +66,7 @@ impl<const N: usize> Cells<N> {
         have_three: 0,
         of_proxies: 0,
         shares: [[0.0; N]; 3],
+        loose: 0,
         coloured: 0,
         curtained: 0,
     };

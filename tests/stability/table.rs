@@ -62,7 +62,7 @@ pub const DESIGN: [Row; 14] = [
         state: Misses {
             measures: &[
                 Missed { measure: "other wires: coverage", at: &[(0.5, 0.049), (1.0, 0.044), (10.0, 0.042)] },
-                Missed { measure: "leaf cards: coverage", at: &[(10.0, 0.058)] },
+                Missed { measure: "leaf cards: coverage", at: &[(10.0, 0.048)] },
             ],
             why: "the worst of six views, while their means hold: how many rays a cell stops is known of some dozens \
                   of lines, and is one number for all directions; few cells are in view at 10 pixels",
@@ -197,7 +197,67 @@ pub const DESIGN: [Row; 14] = [
 ];
 
 /// Lines that are asked for besides.
-pub const BESIDES: [Row; 4] = [
+pub const BESIDES: [Row; 5] = [
+    Row {
+        fails: "foliage and wires, baked into one model or placed as instances",
+        must: "coverage within 3 %, brightness of what is covered within 2 %, by the light of the eye, a sun, a sun \
+               with shadows; on the mean of six views, and twice that in each; at PoE up to 10",
+        tests: &["foliage::pines", "foliage::scrub_pines", "foliage::hanging_cables"],
+        state: Misses {
+            measures: &[
+                Missed {
+                    measure: "cables, baked: brightness, headlight",
+                    at: &[(0.5, 0.029), (1.0, 0.055), (3.0, 0.055), (10.0, 0.052)],
+                },
+                Missed {
+                    measure: "cables, baked: brightness, shadows",
+                    at: &[(0.5, 0.23), (1.0, 0.28), (3.0, 0.28), (10.0, 0.28)],
+                },
+                Missed {
+                    measure: "cables, baked: brightness, sun",
+                    at: &[(0.5, 0.23), (1.0, 0.27), (3.0, 0.27), (10.0, 0.26)],
+                },
+                Missed { measure: "cables, baked: coverage", at: &[(1.0, 0.039), (3.0, 0.12), (10.0, 0.24)] },
+                Missed {
+                    measure: "cables, placed: brightness, headlight",
+                    at: &[(0.5, 0.053), (1.0, 0.068), (3.0, 0.055), (10.0, 0.05)],
+                },
+                Missed {
+                    measure: "cables, placed: brightness, shadows",
+                    at: &[(0.5, 0.28), (1.0, 0.29), (3.0, 0.27), (10.0, 0.25)],
+                },
+                Missed {
+                    measure: "cables, placed: brightness, sun",
+                    at: &[(0.5, 0.27), (1.0, 0.28), (3.0, 0.25), (10.0, 0.24)],
+                },
+                Missed { measure: "cables, placed: coverage", at: &[(3.0, 0.084), (10.0, 0.18)] },
+                Missed { measure: "pines, baked: brightness, headlight", at: &[(3.0, 0.05), (10.0, 0.076)] },
+                Missed { measure: "pines, baked: brightness, shadows", at: &[(10.0, 0.085)] },
+                Missed { measure: "pines, baked: brightness, sun", at: &[(1.0, 0.024), (3.0, 0.072), (10.0, 0.14)] },
+                Missed { measure: "pines, baked: coverage", at: &[(10.0, 0.082)] },
+                Missed { measure: "pines, placed: brightness, headlight", at: &[(3.0, 0.044), (10.0, 0.071)] },
+                Missed {
+                    measure: "pines, placed: brightness, shadows",
+                    at: &[(0.5, 0.037), (1.0, 0.049), (3.0, 0.045), (10.0, 0.046)],
+                },
+                Missed { measure: "pines, placed: brightness, sun", at: &[(1.0, 0.024), (3.0, 0.068), (10.0, 0.14)] },
+                Missed { measure: "pines, placed: coverage", at: &[(10.0, 0.043)] },
+                Missed { measure: "scrub pines, baked: brightness, headlight", at: &[(3.0, 0.03), (10.0, 0.07)] },
+                Missed {
+                    measure: "scrub pines, baked: brightness, shadows",
+                    at: &[(1.0, 0.039), (3.0, 0.13), (10.0, 0.29)],
+                },
+                Missed { measure: "scrub pines, baked: brightness, sun", at: &[(3.0, 0.048), (10.0, 0.12)] },
+                Missed { measure: "scrub pines, baked: coverage", at: &[(10.0, 0.07)] },
+                Missed { measure: "scrub pines, placed: brightness, headlight", at: &[(3.0, 0.03), (10.0, 0.073)] },
+                Missed { measure: "scrub pines, placed: brightness, shadows", at: &[(3.0, 0.071), (10.0, 0.21)] },
+                Missed { measure: "scrub pines, placed: brightness, sun", at: &[(3.0, 0.046), (10.0, 0.12)] },
+                Missed { measure: "scrub pines, placed: coverage", at: &[(10.0, 0.056)] },
+            ],
+            why: "a cell stops the same share of rays from all directions; leaning normals are too dark; bundles of \
+                  cables count as partly closed; a sample of a tube averages its sides",
+        },
+    },
     Row {
         fails: "stand-ins of all kinds",
         must: "mean radiance within 1 % at PoE 1, 3 % at PoE 10, on five models",

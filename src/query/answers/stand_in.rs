@@ -136,6 +136,11 @@ impl<const N: usize> StandIns<N> {
         self.cells.inside
     }
 
+    /// Rays that hit stand-ins for loose content, such as leaves.
+    pub fn loose(&self) -> u32 {
+        self.cells.loose
+    }
+
     /// The unit normal in the world at the hit of ray `i`, facing the ray.
     #[inline(always)]
     pub fn normal(&self, i: usize) -> Vec3 {

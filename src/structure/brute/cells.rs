@@ -21,6 +21,7 @@ impl<'a> TreeView<'a> {
     ) -> u32 {
         let mut gone = 0;
         (out.missing, out.inside, out.have_three, out.coloured) = (0, 0, 0, 0);
+        out.loose = 0;
         (out.of_proxies, out.curtained) = (0, 0);
         for i in bits(rays) {
             let Some((cell, row)) = self.cell_at(&hit(i)) else {

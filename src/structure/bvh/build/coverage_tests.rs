@@ -273,6 +273,30 @@ fn a_closed_ball_stops_all() {
     }
 }
 
+/// Returns the share of cells that are loose.
+fn loose(triangles: &[[Vec3; 3]]) -> f64 {
+    let ((pieces, _), mut words) = (best(triangles), Vec::new());
+    inners(&pieces).for_each(|inner| first_words(inner, &mut words));
+    words.iter().filter(|word| crate::lod::is_loose(**word)).count() as f64 / words.len() as f64
+}
+
+/// Cards are free at their edges, in dense heaps too. Faces of cubes and balls are not, and a grid is at its border only.
+#[test]
+fn cards_are_loose_and_closed_surfaces_are_not() {
+    let heap: Vec<_> = cards(12).iter().map(|t| t.map(|v| v * Vec3::new(0.2, 0.2, 0.05))).collect();
+    for (name, triangles) in [("cards", cards(12)), ("heap", heap)] {
+        let share = loose(&triangles);
+        assert!(share > 0.9, "{name}: {share}");
+    }
+    let grid: Vec<_> = (0..100 * 100)
+        .flat_map(|i| quad(Vec3::new((i % 100) as f32, (i / 100) as f32, 0.0), Vec3::X, Vec3::Y))
+        .collect();
+    for (name, triangles) in [("boxes", boxes(12)), ("ball", ball(100)), ("grid", grid)] {
+        let share = loose(&triangles);
+        assert!(share < 0.02, "{name}: {share}");
+    }
+}
+
 /// Visits a node's children and everything below. Appends the number of triangles of each treelet, and counts larger
 /// ranges, treelets of several children, and leaves under a node of their own.
 fn look(inner: &InnerNode, refs: &[Ref], treelets: &mut Vec<usize>, seen: &mut [usize; 3]) {

@@ -10,7 +10,8 @@
 //! traced in one chunk: cells over several chunks show what their children show. The result does not depend on the
 //! number of threads.
 
-use super::coverage::{inners, push_crossed};
+use super::content::push_crossed;
+use super::coverage::inners;
 use super::lines::{Ends, Lines, Region, numbers};
 use super::refs::Ref;
 use super::tree::{InnerNode, Piece, Sub};

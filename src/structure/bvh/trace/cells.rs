@@ -4,7 +4,7 @@
 use super::stand_in::place_of;
 use super::{TreeView, TriHit};
 use crate::base::ids::BlockId;
-use crate::lod::{Coded, OrientedSlabs};
+use crate::lod::{Coded, OrientedSlabs, is_loose, of_sample};
 use crate::math::bits;
 use crate::simd::prefetch;
 use crate::structure::bvh::layout::{Block, Node, StoredVoxel};
@@ -30,7 +30,7 @@ impl<'a> TreeView<'a> {
         let mut at: [Option<(StoredVoxel, &Node)>; N] = [None; N];
         let mut gone = 0;
         (out.missing, out.inside, out.have_three, out.coloured) = (0, 0, 0, 0);
-        (out.of_proxies, out.curtained) = (0, 0);
+        (out.of_proxies, out.curtained, out.loose) = (0, 0, 0);
         for i in bits(rays) {
             let hit = hit(i);
             at[i] = self.cell_at(&hit).map(|(voxel, node, _)| (voxel, node));
@@ -47,9 +47,10 @@ impl<'a> TreeView<'a> {
         for i in bits(rays & !gone) {
             let (Some((voxel, node)), Some(cell)) = (&at[i], hit(i).stand_in()) else { continue };
             let (_, slot) = place_of(cell);
-            (out.firsts[0][i], out.seconds[0][i]) = (voxel.words()[0], voxel.words()[1]);
+            (out.firsts[0][i], out.seconds[0][i]) = (of_sample(voxel.words()[0]), voxel.words()[1]);
             (out.part[i], _) = voxel.part();
             out.coloured |= u32::from(voxel.has_colours()) << i;
+            out.loose |= u32::from(is_loose(voxel.words()[0])) << i;
             let (has_sides, is_along_axes) = (voxel.has_sides(), voxel.is_along_axes());
             out.have_three |= u32::from(has_sides | is_along_axes) << i;
             let is_whole = whole >> i & 1 == 1;
