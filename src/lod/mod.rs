@@ -3,13 +3,15 @@
 //! `voxel` computes the look of a cell from each side, composited from its content, and `seen` the part of it that a
 //! ray sees. `oriented_slabs` bounds the content inside of the cell, by its extents (`support`) along axes that `turns`
 //! selects. `fill` bounds the distance from this region to the content. `coded` encodes all of it in bytes. `proxy` has
-//! the look of a subtree from eighteen directions, which may replace the look of its voxels. The walks of a structure
+//! the look of a subtree from eighteen directions, which may replace the look of its voxels. `look` is the enum of all
+//! of these. The walks of a structure
 //! decide where a stand-in is acceptable, and `query` computes the error bounds of its hits. Uses base, math and simd.
 #![forbid(unsafe_code)]
 
 mod coded;
 mod fill;
 mod curtain;
+mod look;
 mod support;
 mod seen;
 mod oriented_slabs;
@@ -23,10 +25,11 @@ pub use coded::{
 };
 pub use curtain::{CURTAIN_WORDS, Curtain, FirstHit, curtain_from, hang_curtains};
 pub use fill::{Fill, LEAST, LESS, holds, limit, sure_from};
+pub use look::{Look, Seen, Shares};
 pub use oriented_slabs::{
     Content, FIELDS, LEVEL, Middle, OrientedSlab, OrientedSlabs, fields, normal_bytes, oriented_slabs,
 };
-pub use proxy::{Looks, Sampler, Seen, halton, line_into, seen};
+pub use proxy::{Looks, Sampler, halton, line_into};
 pub use seen::{Facing, blended_colour, mean_cosine, shares, visible};
 pub use support::farthest;
 pub use voxel::{Facet, Voxel, summary_bit};

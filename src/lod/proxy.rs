@@ -37,17 +37,6 @@ const SPREAD: f32 = 0.5;
 /// Greatest value by which the colour of one direction makes up for the rounding of those before it.
 const MOST_CARRIED: f32 = 0.03;
 
-/// The look of a proxy to one ray: three samples as voxels have them (`coded.rs`), and their shares, which add up to 1.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Seen {
-    /// First words: normal and likeness.
-    pub firsts: [u32; 3],
-    /// Second words: colour.
-    pub seconds: [u32; 3],
-    /// Shares.
-    pub shares: [f32; 3],
-}
-
 /// Returns the three directions around `to_eye` and their shares, which add up to 1. Any vector gives a result.
 ///
 /// The signs of the components select the octant, and the largest one the corner of the octahedron. Of the two
@@ -137,9 +126,10 @@ fn likeness(level: u32) -> u32 {
 /// Roots of the linear values of a colour as 5, 6 and 5 bits, red lowest.
 const COLOUR_BITS: [(u32, f32); 3] = [(0, 31.0), (5, 63.0), (11, 31.0)];
 
-/// Returns the looks as a ray sees them whose reverse, in the tree's frame, is `to_eye`. All looks are valid.
+/// Returns the first words, the second words and the shares of the three samples (`coded.rs`) that a ray sees whose
+/// reverse, in the tree's frame, is `to_eye`. All looks are valid.
 #[inline]
-pub fn seen(looks: &Looks, to_eye: Vec3) -> Seen {
+pub(super) fn seen(looks: &Looks, to_eye: Vec3) -> ([u32; 3], [u32; 3], [f32; 3]) {
     let (at, shares) = nearest(to_eye);
     let firsts = at.map(|k| {
         let code = looks[k] & 0xffff;
@@ -152,7 +142,7 @@ pub fn seen(looks: &Looks, to_eye: Vec3) -> Seen {
         });
         red | green << 8 | blue << 16 | 0xff << 24
     });
-    Seen { firsts, seconds, shares }
+    (firsts, seconds, shares)
 }
 
 /// The first surface on a line into a subtree.

@@ -91,7 +91,7 @@ fn sampled(shape: Shape, rays: u32) -> Sampler {
 
 /// The light of a light at the eye that a proxy reflects.
 fn brightness(looks: &Looks, to_eye: Vec3) -> f32 {
-    let Seen { firsts, shares, .. } = seen(looks, to_eye);
+    let (firsts, _, shares) = seen(looks, to_eye);
     let normals = firsts.map(|first| {
         let n = stored_normal(first);
         visible(if n.dot(to_eye) < 0.0 { -n } else { n }, stored_likeness(first), to_eye)
@@ -185,7 +185,7 @@ fn mean_colour_is_that_of_the_samples() {
         let looks = sampler.looks().expect("hits");
         let (mut sum, mut count) = (Vec3::ZERO, 0.0);
         for view in views(400) {
-            let Seen { seconds, shares, .. } = seen(&looks, view.as_vec3());
+            let (_, seconds, shares) = seen(&looks, view.as_vec3());
             (0..3).for_each(|i| sum += stored_colour(seconds[i]) * shares[i]);
             count += 1.0;
         }
@@ -234,7 +234,7 @@ proptest! {
     /// Any bits give finite numbers in range.
     #[test]
     fn any_looks_are_shown(words in prop::array::uniform18(any::<u32>()), at in prop::array::uniform3(any::<f32>())) {
-        let Seen { firsts, seconds, shares } = seen(&words, at.into());
+        let (firsts, seconds, shares) = seen(&words, at.into());
         prop_assert!((shares.iter().sum::<f32>() - 1.0).abs() < 1e-4, "{:?}", shares);
         for (first, second) in firsts.into_iter().zip(seconds) {
             prop_assert!(first >> 24 == 0 && stored_normal(first).is_normalized());

@@ -1,6 +1,7 @@
 //! Stand-ins that rays hit: arrays with one column for each ray, filled by the structure of the tree. `query::answers`
 //! derives from these numbers alone how a stand-in looks in the world, and which error bound holds for it.
 
+use crate::lod::{Look, Shares};
 use crate::math::Bounds;
 use glam::Vec3;
 
@@ -41,9 +42,9 @@ pub struct Cells<const N: usize> {
     pub inside: u32,
     /// Rays that hit a cell with a sample for each of three sides.
     pub have_three: u32,
-    /// Rays of `have_three` whose three samples are those of a proxy: `shares` has their shares.
-    pub of_proxies: u32,
-    /// Shares of the three samples of the rays in `of_proxies`.
+    /// Rays of `have_three` whose samples are not those of a box's sides: `shares` has their shares.
+    pub have_shares: u32,
+    /// Shares of the three samples of the rays in `have_shares`.
     pub shares: [[f32; N]; 3],
     /// Rays that hit a cell with loose content, such as leaves, which transmits other rays.
     pub loose: u32,
@@ -64,12 +65,38 @@ impl<const N: usize> Cells<N> {
         missing: 0,
         inside: 0,
         have_three: 0,
-        of_proxies: 0,
+        have_shares: 0,
         shares: [[0.0; N]; 3],
         loose: 0,
         coloured: 0,
         curtained: 0,
     };
+
+    /// Removes all rays from the sets.
+    #[inline(always)]
+    pub fn clear(&mut self) {
+        (self.missing, self.inside, self.loose, self.coloured, self.curtained) = (0, 0, 0, 0, 0);
+        (self.have_three, self.have_shares) = (0, 0);
+    }
+
+    /// Fills in the samples that ray `i`, with direction `dir` in the tree's frame, sees of a look.
+    #[inline(always)]
+    pub fn set_look(&mut self, i: usize, look: &Look, dir: Vec3) {
+        let seen = look.seen(dir);
+        let count = if seen.shares == Shares::One { 1 } else { 3 };
+        for side in 0..count {
+            (self.firsts[side][i], self.seconds[side][i]) = (seen.firsts[side], seen.seconds[side]);
+        }
+        (self.have_three, self.have_shares) = (self.have_three & !(1 << i), self.have_shares & !(1 << i));
+        match seen.shares {
+            Shares::One => {}
+            Shares::OfSides => self.have_three |= 1 << i,
+            Shares::Given(shares) => {
+                (self.have_three, self.have_shares) = (self.have_three | 1 << i, self.have_shares | 1 << i);
+                (0..3).for_each(|side| self.shares[side][i] = shares[side]);
+            }
+        }
+    }
 
     /// The box of the cell of ray `i`.
     #[inline(always)]

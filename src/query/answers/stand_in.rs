@@ -260,7 +260,7 @@ fn see<const N: usize>(all: &mut StandIns<N>, placed: &Placed) {
         return see_sides::<N, 1>(all, placed);
     }
     let StandIns { cells, dir, shares: rows, .. } = all;
-    let Cells { bounds, firsts, seconds, have_three, of_proxies, shares: given, .. } = cells;
+    let Cells { bounds, firsts, seconds, have_three, have_shares, shares: given, .. } = cells;
     let moved;
     let dir = if placed.only_shifted().is_some() {
         &*dir
@@ -279,10 +279,10 @@ fn see<const N: usize>(all: &mut StandIns<N>, placed: &Placed) {
         rows[1][i] = if has_three { y } else { 0.0 };
         rows[2][i] = if has_three { z } else { 0.0 };
     }
-    if *of_proxies != 0 {
+    if *have_shares != 0 {
         for side in 0..3 {
             for i in 0..N {
-                rows[side][i] = if *of_proxies >> i & 1 == 1 { given[side][i] } else { rows[side][i] };
+                rows[side][i] = if *have_shares >> i & 1 == 1 { given[side][i] } else { rows[side][i] };
             }
         }
     }

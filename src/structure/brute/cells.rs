@@ -2,7 +2,7 @@
 
 use super::layout::Row;
 use super::trace::TreeView;
-use crate::lod::{Coded, OrientedSlabs};
+use crate::lod::{Coded, Look, OrientedSlabs};
 use crate::math::bits;
 use crate::structure::cell::Cells;
 use crate::structure::hit::{StandIn, TriHit};
@@ -20,9 +20,7 @@ impl<'a> TreeView<'a> {
         out: &mut Cells<N>,
     ) -> u32 {
         let mut gone = 0;
-        (out.missing, out.inside, out.have_three, out.coloured) = (0, 0, 0, 0);
-        out.loose = 0;
-        (out.of_proxies, out.curtained) = (0, 0);
+        out.clear();
         for i in bits(rays) {
             let Some((cell, row)) = self.cell_at(&hit(i)) else {
                 gone |= 1 << i;
@@ -38,18 +36,8 @@ impl<'a> TreeView<'a> {
             // Walks test boxes instead of oriented slabs, so nothing is known of the distance to the content.
             out.level[i] = 0;
             out.coloured |= u32::from(Coded::has_colours(voxel[0])) << i;
-            let (firsts, seconds) = if let Some(sides) = row.sides() {
-                // Sides have the order low x, y, z, high x, y, z. A ray that goes up an axis sees the low side.
-                let dir = dir(i);
-                let at = [0, 1, 2].map(|axis| 2 * if dir[axis] >= 0.0 { axis } else { axis + 3 });
-                out.have_three |= 1 << i;
-                (at.map(|at| sides[at]), at.map(|at| sides[at + 1]))
-            } else {
-                ([voxel[0]; 3], [voxel[1]; 3])
-            };
-            for axis in 0..3 {
-                (out.firsts[axis][i], out.seconds[axis][i]) = (firsts[axis], seconds[axis]);
-            }
+            let look = row.sides().map_or(Look::One([voxel[0], voxel[1]]), Look::Sides);
+            out.set_look(i, &look, dir(i).as_vec3());
         }
         gone
     }

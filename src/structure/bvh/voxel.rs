@@ -1,7 +1,7 @@
 //! A voxel in the trace form of its block: the look of a child.
 
 use super::layout::Block;
-use crate::lod::{CURTAIN_WORDS, Coded, Curtain, SIDES_WORDS, curtain_from, stopped, summary_bit};
+use crate::lod::{CURTAIN_WORDS, Coded, Curtain, Look, SIDES_WORDS, curtain_from, of_sample, stopped, summary_bit};
 use glam::Vec3;
 
 /// The voxel of a child, in its block.
@@ -48,6 +48,19 @@ impl<'a> StoredVoxel<'a> {
     pub fn sides(&self) -> &[u32] {
         let at = self.block.sides_at() + self.word(1) as usize * SIDES_WORDS;
         &self.block.words()[at..at + SIDES_WORDS]
+    }
+
+    /// The look of the voxel, without curtains.
+    #[inline]
+    pub fn look(&self) -> Look<'_> {
+        let sample = [of_sample(self.word(0)), self.word(1)];
+        if self.has_sides() {
+            Look::Sides(self.sides())
+        } else if self.is_along_axes() {
+            Look::AlongAxes(sample)
+        } else {
+            Look::One(sample)
+        }
     }
 
     /// True if the voxel has colours of its own, which replace the colour of its part.

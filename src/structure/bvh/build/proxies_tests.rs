@@ -137,7 +137,7 @@ fn what_is_hidden_stays_hidden() {
     let all = [cube(Vec3::ZERO, 1.0, 6, 1), cube(Vec3::splat(0.1), 0.8, 12, 0)].concat();
     let made = Made::of(&all, all.len() as u32, 500, Isa::Baseline, 1, &Cancel::new()).expect("a tree");
     for to_eye in [Vec3::X, Vec3::NEG_ONE, Vec3::new(1.0, -2.0, 0.3)] {
-        let seen = lod::seen(&made.proxies[0].looks, to_eye);
+        let seen = lod::Look::Proxy(&made.proxies[0].looks).seen(-to_eye);
         let colour = seen.seconds.map(lod::stored_colour);
         assert!(colour.iter().all(|c| c.distance(COLOURS[1].truncate()) < 0.01), "{to_eye}: {colour:?}");
     }

@@ -4,13 +4,13 @@
 use super::stand_in::place_of;
 use super::{TreeView, TriHit};
 use crate::base::ids::BlockId;
-use crate::lod::{Coded, OrientedSlabs, is_loose, of_sample};
+use crate::lod::{Look, OrientedSlabs, is_loose};
 use crate::math::bits;
 use crate::simd::prefetch;
 use crate::structure::bvh::layout::{Block, Node, StoredVoxel};
 use crate::structure::cell::Cells;
 use crate::structure::surface::Surfaces;
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 
 impl<'a> TreeView<'a> {
     /// Fills the columns of `rays`; `hit` returns the hit of a ray, which is a cell. Returns the rays for which the
@@ -29,8 +29,7 @@ impl<'a> TreeView<'a> {
     ) -> u32 {
         let mut at: [Option<(StoredVoxel, &Node)>; N] = [None; N];
         let mut gone = 0;
-        (out.missing, out.inside, out.have_three, out.coloured) = (0, 0, 0, 0);
-        (out.of_proxies, out.curtained, out.loose) = (0, 0, 0);
+        out.clear();
         for i in bits(rays) {
             let hit = hit(i);
             at[i] = self.cell_at(&hit).map(|(voxel, node, _)| (voxel, node));
@@ -47,18 +46,16 @@ impl<'a> TreeView<'a> {
         for i in bits(rays & !gone) {
             let (Some((voxel, node)), Some(cell)) = (&at[i], hit(i).stand_in()) else { continue };
             let (_, slot) = place_of(cell);
-            (out.firsts[0][i], out.seconds[0][i]) = (of_sample(voxel.words()[0]), voxel.words()[1]);
             (out.part[i], _) = voxel.part();
             out.coloured |= u32::from(voxel.has_colours()) << i;
             out.loose |= u32::from(is_loose(voxel.words()[0])) << i;
-            let (has_sides, is_along_axes) = (voxel.has_sides(), voxel.is_along_axes());
-            out.have_three |= u32::from(has_sides | is_along_axes) << i;
+            let has_sides = voxel.has_sides();
             let is_whole = whole >> i & 1 == 1;
             if is_whole {
                 // The level is in the other cache line of the node.
                 out.level[i] = node.level(slot);
             }
-            if is_whole || has_sides || is_along_axes {
+            if is_whole || has_sides || voxel.is_along_axes() {
                 for row in 0..6 {
                     out.bounds[row][i] = node.stored_plane(row, slot);
                 }
@@ -75,20 +72,17 @@ impl<'a> TreeView<'a> {
         for i in bits(out.curtained) {
             let Some((voxel, ..)) = &at[i] else { continue };
             let to_eye = -dir(i).as_vec3().normalize_or_zero();
-            let Some(([first, second], part)) = voxel.curtain(to_eye) else {
+            let Some((sample, part)) = voxel.curtain(to_eye) else {
                 out.curtained &= !(1 << i);
                 continue;
             };
-            (out.firsts[0][i], out.seconds[0][i], out.part[i]) = (first, second, part);
+            out.set_look(i, &Look::One(sample), Vec3::ZERO);
+            out.part[i] = part;
             out.coloured |= 1 << i;
         }
-        out.have_three &= !out.curtained;
-        for i in bits(out.have_three) {
+        for i in bits(rays & !gone & !out.curtained) {
             let Some((voxel, ..)) = &at[i] else { continue };
-            let (firsts, seconds) = three(voxel, dir(i));
-            for axis in 0..3 {
-                (out.firsts[axis][i], out.seconds[axis][i]) = (firsts[axis], seconds[axis]);
-            }
+            out.set_look(i, &voxel.look(), dir(i).as_vec3());
         }
         if self.proxies.is_some() {
             self.look_at_proxies(rays & !gone & !out.curtained, hit, dir, out);
@@ -136,16 +130,4 @@ impl<'a> TreeView<'a> {
         let (node, slot) = place_of(cell);
         Some((block.voxel(node, slot), block.node(node), slot))
     }
-}
-
-/// Returns the first and second words of the samples across x, y and z that face a ray with direction `dir`. The voxel
-/// has six sides, or one sample of surfaces along the axes.
-#[inline(always)]
-fn three(voxel: &StoredVoxel, dir: DVec3) -> ([u32; 3], [u32; 3]) {
-    if !voxel.has_sides() {
-        return Coded::along_axes(voxel.words()[0], voxel.words()[1]);
-    }
-    // Sides are in the order low x, y, z, high x, y, z. A ray in the positive direction of an axis faces the low side.
-    let at: [usize; 3] = std::array::from_fn(|axis| 2 * if dir[axis] >= 0.0 { axis } else { axis + 3 });
-    (at.map(|at| voxel.sides()[at]), at.map(|at| voxel.sides()[at + 1]))
 }

@@ -8,7 +8,7 @@ use super::TreeView;
 use super::hit::{StandIn, TriHit};
 use super::stand_in::place_of;
 use crate::base::ids::BlockId;
-use crate::lod::{self, Looks};
+use crate::lod::{Look, Looks};
 use crate::math::bits;
 use crate::structure::bvh::layout::{Block, Child};
 use crate::structure::cell::Cells;
@@ -25,15 +25,9 @@ impl<'a> TreeView<'a> {
     ) {
         for i in bits(rays) {
             let hit = hit(i);
-            let Some(looks) = hit.stand_in().and_then(|cell| self.looks(hit.block, cell)) else { continue };
-            let seen = lod::seen(looks, -dir(i).as_vec3());
-            for side in 0..3 {
-                out.firsts[side][i] = seen.firsts[side];
-                out.seconds[side][i] = seen.seconds[side];
-                out.shares[side][i] = seen.shares[side];
+            if let Some(looks) = hit.stand_in().and_then(|cell| self.looks(hit.block, cell)) {
+                out.set_look(i, &Look::Proxy(looks), dir(i).as_vec3());
             }
-            out.have_three |= 1 << i;
-            out.of_proxies |= 1 << i;
         }
     }
 
