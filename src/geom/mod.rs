@@ -5,6 +5,7 @@
 pub mod crossing;
 pub mod distances;
 mod flat;
+pub mod many;
 pub mod pairs;
 mod signs;
 pub mod watertight;
@@ -15,5 +16,6 @@ mod distances_tests;
 
 pub use crossing::{Line, Side};
 pub use distances::{Between, Nearest, distance_bounds, point_triangle, segment_segment, triangle_triangle};
+pub use many::{Lot, relate_many};
 pub use pairs::{Relation, meeting, relate};
 pub use watertight::{Shear, TriangleHit};

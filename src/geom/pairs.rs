@@ -101,18 +101,19 @@ pub(super) fn in_order(a: &[DVec3; 3], b: &[DVec3; 3]) -> ([DVec3; 3], [DVec3; 3
 }
 
 /// Two triangles and the line in which their planes cross.
-enum Cut {
+enum Cut<'a> {
     Apart,
     /// One is degenerate, or they are in one plane.
     Flat,
     /// The line cuts a segment out of each, and the two meet.
-    Chords(Chords),
+    Chords(Chords<'a>),
 }
 
-struct Chords {
-    /// The first corner of each triangle is alone on its side of the plane of the other, above it. Along the line, the
-    /// first triangle ends on its edges from corner 0 to 2 and from 0 to 1, the second on 0 to 1 and 0 to 2.
-    corners: [[DVec3; 3]; 2],
+struct Chords<'a> {
+    triangles: [&'a [DVec3; 3]; 2],
+    /// An order of the corners of each triangle: the first is alone on its side of the plane of the other. Along the
+    /// line, the first triangle ends on its edges from corner 0 to 2 and from 0 to 1, the second on 0 to 1 and 0 to 2.
+    orders: [[usize; 3]; 2],
     /// The sides of the corners relative to the plane of the other triangle.
     sides: [[i32; 3]; 2],
     /// The common points are one point.
@@ -124,11 +125,11 @@ struct Chords {
 /// True if all sides are the same, and not zero.
 #[inline(always)]
 fn is_aside(sides: [i32; 3]) -> bool {
-    sides[0] != 0 && sides[0] == sides[1] && sides[0] == sides[2]
+    (sides[0] + sides[1] + sides[2]).abs() == 3
 }
 
-#[inline]
-fn cut(a: &[DVec3; 3], b: &[DVec3; 3]) -> Cut {
+#[inline(always)]
+fn cut<'a>(a: &'a [DVec3; 3], b: &'a [DVec3; 3]) -> Cut<'a> {
     let of_a = Plane::new(b).sides(a);
     if is_aside(of_a) {
         return Cut::Apart;
@@ -140,71 +141,91 @@ fn cut(a: &[DVec3; 3], b: &[DVec3; 3]) -> Cut {
     if of_a == [0; 3] || of_b == [0; 3] {
         return Cut::Flat;
     }
-    let ((mut a, mut of_a), (mut b, mut of_b)) = (alone_first(a, of_a), alone_first(b, of_b));
-    // A triangle with two corners swapped faces the other way.
-    let (is_a_above, is_b_above) = (is_above(of_a), is_above(of_b));
-    if !is_a_above {
-        (b.swap(1, 2), of_b.swap(1, 2));
-    }
-    if !is_b_above {
-        (a.swap(1, 2), of_a.swap(1, 2));
-    }
-    let first = side([a[0], a[1], b[0], b[1]]);
+    // A triangle with two corners swapped faces the other way: each must see the other's corner alone above it.
+    let (alone_a, alone_b) = (alone(of_a), alone(of_b));
+    let (order_a, order_b) = (order(alone_a.corner, alone_b.is_above), order(alone_b.corner, alone_a.is_above));
+    let ([p, q, r], [k, l, m]) = (order_a, order_b);
+    let first = side([a[p], a[q], b[k], b[l]]);
     if first > 0 {
         return Cut::Apart;
     }
-    let last = side([a[0], a[2], b[2], b[0]]);
+    let last = side([a[p], a[r], b[m], b[k]]);
     if last > 0 {
         return Cut::Apart;
     }
     // A triangle whose corner alone is on the plane, the others strictly on one side, meets it in this corner.
-    let is_point = first == 0 || last == 0 || of_a[0] == 0 || of_b[0] == 0;
-    let is_split = |sides: [i32; 3]| sides.contains(&1) && sides.contains(&-1);
+    let is_point = first == 0 || last == 0 || of_a[p] == 0 || of_b[k] == 0;
     let is_proper = !is_point && is_split(of_a) && is_split(of_b);
-    Cut::Chords(Chords { corners: [a, b], sides: [of_a, of_b], is_point, is_proper })
+    let (triangles, orders, sides) = ([a, b], [order_a, order_b], [of_a, of_b]);
+    Cut::Chords(Chords { triangles, orders, sides, is_point, is_proper })
 }
 
-/// Turns the corners so that the line from the first to each of the others meets the plane in one point: the first is
-/// strictly on one side and the others are not, or it is on the plane and the others are not.
-#[inline]
-fn alone_first(t: &[DVec3; 3], sides: [i32; 3]) -> ([DVec3; 3], [i32; 3]) {
-    let is_alone = |i: usize, j: usize, k: usize| {
-        let (one, next, last) = (sides[i], sides[j], sides[k]);
-        one * next <= 0 && one * last <= 0 && (one != 0 || next * last > 0)
-    };
-    if is_alone(0, 1, 2) {
-        (*t, sides)
-    } else if is_alone(1, 2, 0) {
-        ([t[1], t[2], t[0]], [sides[1], sides[2], sides[0]])
-    } else {
-        ([t[2], t[0], t[1]], [sides[2], sides[0], sides[1]])
+/// True if corners are strictly on both sides.
+#[inline(always)]
+fn is_split(sides: [i32; 3]) -> bool {
+    sides.contains(&1) && sides.contains(&-1)
+}
+
+/// A corner from which the line to each of the others meets the plane in one point: it is strictly on one side and the
+/// others are not, or it is on the plane and the others are not.
+#[derive(Clone, Copy)]
+struct Alone {
+    corner: usize,
+    /// It is above the plane, or the others are below.
+    is_above: bool,
+}
+
+/// [`Alone`] for all sides that three corners may have.
+const ALONE: [Alone; 27] = {
+    let mut table = [Alone { corner: 0, is_above: false }; 27];
+    let mut code = 0;
+    while code < 27 {
+        let sides = [code as i32 / 9 - 1, code as i32 / 3 % 3 - 1, code as i32 % 3 - 1];
+        let mut i = 0;
+        while i < 3 {
+            let (one, next, last) = (sides[i], sides[(i + 1) % 3], sides[(i + 2) % 3]);
+            if one * next <= 0 && one * last <= 0 && (one != 0 || next * last > 0) {
+                table[code] = Alone { corner: i, is_above: one > 0 || (one == 0 && next < 0) };
+            }
+            i += 1;
+        }
+        code += 1;
     }
+    table
+};
+
+#[inline(always)]
+fn alone(sides: [i32; 3]) -> Alone {
+    ALONE[((sides[0] + 1) * 9 + (sides[1] + 1) * 3 + sides[2] + 1) as usize % 27]
 }
 
-#[inline]
-fn is_above(sides: [i32; 3]) -> bool {
-    sides[0] > 0 || (sides[0] == 0 && sides[1] < 0)
+/// The corners from `first` on, the others swapped unless `is_kept`.
+#[inline(always)]
+fn order(first: usize, is_kept: bool) -> [usize; 3] {
+    let (next, last) = ([1, 2, 0][first], [2, 0, 1][first]);
+    if is_kept { [first, next, last] } else { [first, last, next] }
 }
 
-impl Chords {
+impl Chords<'_> {
     /// The ends of the common segment.
     fn common(&self) -> [DVec3; 2] {
-        let [a, b] = &self.corners;
+        let ([a, b], [[p, q, r], [k, l, m]]) = (self.triangles, self.orders);
         // The greater of the first ends, and the lesser of the last.
-        let start = if side([a[0], a[2], b[0], b[1]]) > 0 { self.end(1, 1) } else { self.end(0, 2) };
+        let start = if side([a[p], a[r], b[k], b[l]]) > 0 { self.end(1, 1) } else { self.end(0, 2) };
         if self.is_point {
             return [start; 2];
         }
-        [start, if side([a[0], a[1], b[0], b[2]]) < 0 { self.end(1, 2) } else { self.end(0, 1) }]
+        [start, if side([a[p], a[q], b[k], b[m]]) < 0 { self.end(1, 2) } else { self.end(0, 1) }]
     }
 
     /// The point in which an edge from the first corner meets the plane of the other triangle.
     fn end(&self, triangle: usize, to: usize) -> DVec3 {
-        let (t, sides) = (&self.corners[triangle], self.sides[triangle]);
-        match (sides[0], sides[to]) {
-            (0, _) => t[0],
+        let (t, order) = (self.triangles[triangle], self.orders[triangle]);
+        let (from, to) = (order[0], order[to]);
+        match (self.sides[triangle][from], self.sides[triangle][to]) {
+            (0, _) => t[from],
             (_, 0) => t[to],
-            _ => between(t[0], t[to], place_on_plane(&self.corners[1 - triangle], t[0], t[to])),
+            _ => between(t[from], t[to], place_on_plane(self.triangles[1 - triangle], t[from], t[to])),
         }
     }
 }

@@ -46,23 +46,53 @@ impl Plane {
     /// on the plane, and for all points if the corners are on a line.
     #[inline(always)]
     pub fn side(&self, point: DVec3) -> i32 {
+        let side = self.certain_side(point);
+        if side != 0 { side } else { self.exact_side(point) }
+    }
+
+    /// The side if the filter decides, else 0.
+    #[inline(always)]
+    fn certain_side(&self, point: DVec3) -> i32 {
         let d = point - self.corners[0];
         let volume = self.normal.dot(d);
         let bound = self.weight.dot(d.abs()) * FILTER + TINY;
-        if volume > bound {
-            1
-        } else if volume < -bound {
-            -1
-        } else {
-            side_exactly([self.corners[0], self.corners[1], self.corners[2], point])
+        i32::from(volume > bound) - i32::from(volume < -bound)
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn exact_sides(&self, points: &[DVec3; 3], mut sides: [i32; 3]) -> [i32; 3] {
+        for (side, point) in sides.iter_mut().zip(points) {
+            if *side == 0 {
+                *side = self.exact_side(*point);
+            }
         }
+        sides
+    }
+
+    #[inline(always)]
+    fn exact_side(&self, point: DVec3) -> i32 {
+        side_exactly([self.corners[0], self.corners[1], self.corners[2], point])
     }
 
     /// [`Plane::side`] of three points.
     #[inline(always)]
     pub fn sides(&self, points: &[DVec3; 3]) -> [i32; 3] {
-        [self.side(points[0]), self.side(points[1]), self.side(points[2])]
+        let [a, b, c] = [points[0] - self.corners[0], points[1] - self.corners[0], points[2] - self.corners[0]];
+        let reach = greater(a.abs(), greater(b.abs(), c.abs()));
+        let bound = self.weight.dot(reach) * FILTER + TINY;
+        let side = |volume: f64| i32::from(volume > bound) - i32::from(volume < -bound);
+        // Without branches as long as the filter decides.
+        let sides = [side(self.normal.dot(a)), side(self.normal.dot(b)), side(self.normal.dot(c))];
+        if sides[0] * sides[1] * sides[2] == 0 { self.exact_sides(points, sides) } else { sides }
     }
+}
+
+/// Elementwise. (`DVec3::max` heeds NaN; here the bound is then NaN or infinite.)
+#[inline(always)]
+fn greater(a: DVec3, b: DVec3) -> DVec3 {
+    let pick = |a: f64, b: f64| if a > b { a } else { b };
+    DVec3::new(pick(a.x, b.x), pick(a.y, b.y), pick(a.z, b.z))
 }
 
 /// The side of the plane through the first three points on which the fourth is, as [`Plane::side`].
