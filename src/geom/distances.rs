@@ -6,11 +6,12 @@
 //! Squares Problems by Gram-Schmidt Orthogonalization", BIT 7, 1967).
 //!
 //! The bound: a column is its computed parts put together again, up to 8 roundings of its length. The residual's parts
-//! along the first column and along the rest of the second are zero up to 12 roundings of the greatest length, as long
-//! as these two are not almost parallel, which is checked: then it is the exact residual of corners and a point that
-//! differ by at most 50 roundings, and so differs in length by no more. If the exact solution for these is outside, the
-//! nearest point is on an edge; all edges are tried. If the columns are almost parallel, every point inside is as near
-//! to an edge as that. [`error`] allows 128 roundings of the diagonal of the box of all points.
+//! along the first column and along the rest of the second are zero up to 12 roundings of the greatest length. If these
+//! two are not almost parallel, it is the exact residual of corners and a point that differ by at most 50 roundings, and
+//! so differs in length by no more. If the exact solution for these is outside, the nearest point is on an edge; all
+//! edges are tried. If they are almost parallel, the rest is itself at most 16 roundings long: all points are that near
+//! to the line of the first column, of which the residual is the way. [`error`] allows 128 roundings of the diagonal of
+//! the box of all points.
 //!
 //! Lengths from 1e-140 to 1e150 keep the bounds. Beyond, results are poor, but nothing panics.
 
@@ -81,17 +82,14 @@ fn on_segment(p: DVec3, a: DVec3, b: DVec3) -> (f64, DVec3) {
 }
 
 /// The coefficients with which `u` and `v` add up to the point nearest to `q` in their plane, and the way from that
-/// point to `q`. `None` if `u` and `v` are almost parallel.
+/// point to `q`. They are not numbers if `u` and `v` are parallel.
 #[inline(always)]
-fn in_plane(q: DVec3, u: DVec3, v: DVec3) -> Option<([f64; 2], DVec3)> {
+fn in_plane(q: DVec3, u: DVec3, v: DVec3) -> ([f64; 2], DVec3) {
     let square = u.dot(u);
     let (v_along, q_along) = (v.dot(u) / square, q.dot(u) / square);
     let (v_rest, q_rest) = (v - u * v_along, q - u * q_along);
-    let (rest, skew) = (v_rest.dot(v_rest), v_rest.dot(u));
-    let second = q_rest.dot(v_rest) / rest;
-    // False for zero lengths, which give numbers that are none.
-    let is_sound = skew * skew <= 0.25 * rest * square;
-    is_sound.then(|| ([q_along - second * v_along, second], q_rest - v_rest * second))
+    let second = q_rest.dot(v_rest) / v_rest.dot(v_rest);
+    ([q_along - second * v_along, second], q_rest - v_rest * second)
 }
 
 /// The point inside a triangle nearest to `p`, and the way from it to `p`; `None` if the nearest point of the plane is
@@ -99,7 +97,7 @@ fn in_plane(q: DVec3, u: DVec3, v: DVec3) -> Option<([f64; 2], DVec3)> {
 #[inline(always)]
 fn on_face(p: DVec3, [a, b, c]: &[DVec3; 3]) -> Option<(DVec3, DVec3)> {
     let (u, v) = (*b - *a, *c - *a);
-    let ([first, second], way) = in_plane(p - *a, u, v)?;
+    let ([first, second], way) = in_plane(p - *a, u, v);
     let is_inside = first >= 0.0 && second >= 0.0 && first + second <= 1.0;
     is_inside.then(|| (*a + u * first + v * second, way))
 }
@@ -222,11 +220,9 @@ impl Best {
     #[inline(always)]
     fn inside(&mut self, [a, b]: [DVec3; 2], [c, d]: [DVec3; 2]) {
         let (u, v) = (b - a, d - c);
-        if let Some(([along, back], way)) = in_plane(c - a, u, v) {
-            let is_inside = (0.0..=1.0).contains(&along) && (-1.0..=0.0).contains(&back);
-            if is_inside {
-                self.offer(way, false, || [a + u * along, c - v * back]);
-            }
+        let ([along, back], way) = in_plane(c - a, u, v);
+        if (0.0..=1.0).contains(&along) && (-1.0..=0.0).contains(&back) {
+            self.offer(way, false, || [a + u * along, c - v * back]);
         }
     }
 

@@ -100,7 +100,11 @@ pub(super) fn relate(a: &[DVec3; 3], b: &[DVec3; 3]) -> Relation {
     // Two segments that cross have one point in common.
     let is_one_point = is_joined && a.count == 2 && b.count == 2 && !common.is_exact;
     // Otherwise the common points are on a line. If both ends are common corners, they are the hull of these.
-    if is_one_point || common.is_exact && is_common(&first) && is_common(&last) { Relation::Adjacent } else { Relation::Touching }
+    if is_one_point || common.is_exact && is_common(&first) && is_common(&last) {
+        Relation::Adjacent
+    } else {
+        Relation::Touching
+    }
 }
 
 /// How well an edge of a triangle separates it from another in its plane.

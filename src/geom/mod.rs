@@ -10,12 +10,12 @@ pub mod pairs;
 mod signs;
 pub mod watertight;
 #[cfg(test)]
-mod pairs_tests;
-#[cfg(test)]
 mod distances_tests;
+#[cfg(test)]
+mod pairs_tests;
 
 pub use crossing::{Line, Side};
 pub use distances::{Between, Nearest, distance_bounds, point_triangle, segment_segment, triangle_triangle};
-pub use many::{Lot, relate_many};
+pub use many::{Lot, One, Sifted, relate_many, sift};
 pub use pairs::{Relation, meeting, relate};
 pub use watertight::{Shear, TriangleHit};

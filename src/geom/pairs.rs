@@ -38,8 +38,8 @@ pub fn relate(a: &[DVec3; 3], b: &[DVec3; 3]) -> Relation {
         Cut::Chords(chords) if chords.is_proper => Relation::Crossing,
         Cut::Chords(chords) => match common_corners(a, b) {
             0 => Relation::Touching,
-            // The common corner is a common point, so it is the only one.
-            1 if chords.is_point => Relation::Adjacent,
+            // The common corner is an end of both segments, or all of one.
+            1 if chords.is_end => Relation::Adjacent,
             1 => Relation::Touching,
             // A triangle has no points of the line of its edge but the edge.
             _ => Relation::Adjacent,
@@ -116,8 +116,8 @@ struct Chords<'a> {
     orders: [[usize; 3]; 2],
     /// The sides of the corners relative to the plane of the other triangle.
     sides: [[i32; 3]; 2],
-    /// The common points are one point.
-    is_point: bool,
+    /// They meet in an end of both, which is their only common point.
+    is_end: bool,
     /// Both triangles are strictly on both sides of the plane of the other, and share a segment.
     is_proper: bool,
 }
@@ -134,11 +134,14 @@ fn cut<'a>(a: &'a [DVec3; 3], b: &'a [DVec3; 3]) -> Cut<'a> {
     if is_aside(of_a) {
         return Cut::Apart;
     }
+    if of_a == [0; 3] {
+        return Cut::Flat;
+    }
     let of_b = Plane::new(a).sides(b);
     if is_aside(of_b) {
         return Cut::Apart;
     }
-    if of_a == [0; 3] || of_b == [0; 3] {
+    if of_b == [0; 3] {
         return Cut::Flat;
     }
     // A triangle with two corners swapped faces the other way: each must see the other's corner alone above it.
@@ -153,11 +156,10 @@ fn cut<'a>(a: &'a [DVec3; 3], b: &'a [DVec3; 3]) -> Cut<'a> {
     if last > 0 {
         return Cut::Apart;
     }
-    // A triangle whose corner alone is on the plane, the others strictly on one side, meets it in this corner.
-    let is_point = first == 0 || last == 0 || of_a[p] == 0 || of_b[k] == 0;
-    let is_proper = !is_point && is_split(of_a) && is_split(of_b);
+    let is_end = first == 0 || last == 0;
+    let is_proper = !is_end && is_split(of_a) && is_split(of_b);
     let (triangles, orders, sides) = ([a, b], [order_a, order_b], [of_a, of_b]);
-    Cut::Chords(Chords { triangles, orders, sides, is_point, is_proper })
+    Cut::Chords(Chords { triangles, orders, sides, is_end, is_proper })
 }
 
 /// True if corners are strictly on both sides.
@@ -212,7 +214,7 @@ impl Chords<'_> {
         let ([a, b], [[p, q, r], [k, l, m]]) = (self.triangles, self.orders);
         // The greater of the first ends, and the lesser of the last.
         let start = if side([a[p], a[r], b[k], b[l]]) > 0 { self.end(1, 1) } else { self.end(0, 2) };
-        if self.is_point {
+        if self.is_end {
             return [start; 2];
         }
         [start, if side([a[p], a[q], b[k], b[m]]) < 0 { self.end(1, 2) } else { self.end(0, 1) }]

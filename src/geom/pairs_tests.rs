@@ -14,7 +14,7 @@ pub(super) struct Random(pub u64);
 impl Random {
     pub(super) fn below(&mut self, n: u64) -> u64 {
         self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (u128::from(self.0 >> 16) * u128::from(n) >> 48) as u64
+        ((u128::from(self.0 >> 16) * u128::from(n)) >> 48) as u64
     }
 
     pub(super) fn unit(&mut self) -> f64 {
@@ -118,7 +118,7 @@ impl Set {
         let both = self.zero.iter().flat_map(|l| [*l, opposite(l)]);
         for l in both.chain(self.positive.iter().copied()) {
             let (start, end) = (l.at(p), l.at(q));
-            if start < 0 && end < 0 || start == end && start < 0 {
+            if start < 0 && end < 0 {
                 return None;
             }
             if (start < 0) == (end < 0) {
@@ -232,8 +232,10 @@ fn relations_are_those_of_integers() {
 #[test]
 fn relations_of_all_triangles_of_a_cube() {
     let point = |i: usize| [i & 1, i >> 1 & 1, i >> 2].map(|x| x as i128);
-    let all: Vec<Triangle> =
-        (0..512).filter(|i| i & 7 <= i >> 3 & 7 && i >> 3 & 7 <= i >> 6).map(|i| [i & 7, i >> 3 & 7, i >> 6].map(point)).collect();
+    let all: Vec<Triangle> = (0..512)
+        .filter(|i| i & 7 <= i >> 3 & 7 && i >> 3 & 7 <= i >> 6)
+        .map(|i| [i & 7, i >> 3 & 7, i >> 6].map(point))
+        .collect();
     assert_eq!(all.len(), 120);
     let mut seen = [0; 5];
     for a in &all {
@@ -290,8 +292,10 @@ fn relations_keep_under_exchange_and_translation() {
         let (relation, ends) = (relate(&a, &b), meeting(&a, &b));
         let [x, y] = mixed(&mut random, &a, &b);
         assert_eq!(relate(&x, &y), relation);
-        assert_eq!(meeting(&x, &y).map(|e| e.map(|p| p.to_array().map(f64::to_bits))),
-            ends.map(|e| e.map(|p| p.to_array().map(f64::to_bits))));
+        assert_eq!(
+            meeting(&x, &y).map(|e| e.map(|p| p.to_array().map(f64::to_bits))),
+            ends.map(|e| e.map(|p| p.to_array().map(f64::to_bits)))
+        );
         let by = DVec3::from([0; 3].map(|_| (random.below(1 << 50) as f64) - (1u64 << 49) as f64));
         let scale = 2f64.powi(random.below(600) as i32 - 300);
         let moved = |t: &[DVec3; 3]| t.map(|p| (p + by) * scale);
@@ -349,7 +353,8 @@ fn doubles_alone_give_false_hits() {
         };
         let a = [corner(0.0), corner(0.9), corner(0.4)];
         // The other has one corner, two or three at the sliver.
-        let b = [corner(0.1), if i % 3 > 0 { corner(1.0) } else { far[0] }, if i % 3 > 1 { corner(0.5) } else { far[1] }];
+        let b =
+            [corner(0.1), if i % 3 > 0 { corner(1.0) } else { far[0] }, if i % 3 > 1 { corner(0.5) } else { far[1] }];
         let (exact, plain) = (meets_by(a, b, &in_integers), meets_by(a, b, &rounded));
         assert_eq!(relate(&a, &b) != Relation::Apart, exact, "{a:?} {b:?}");
         false_hits += i32::from(plain && !exact);

@@ -207,10 +207,10 @@ fn volume([a, b, c, d]: [DVec3; 4]) -> f64 {
     let row = |p: DVec3| [0, 1, 2].map(|axis| two_difference(p[axis], a[axis]));
     let (u, v, w) = (row(b), row(c), row(d));
     let mut sum = Expansion { terms: [0.0; 192], count: 0 };
-    for axis in 0..3 {
+    for (axis, u) in u.into_iter().enumerate() {
         let (next, last) = ((axis + 1) % 3, (axis + 2) % 3);
-        sum.add_products(u[axis], v[next], w[last], 1.0);
-        sum.add_products(u[axis], v[last], w[next], -1.0);
+        sum.add_products(u, v[next], w[last], 1.0);
+        sum.add_products(u, v[last], w[next], -1.0);
     }
     sum.terms[..sum.count].iter().sum()
 }

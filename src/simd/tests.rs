@@ -80,7 +80,9 @@ fn doubles<S: Simd>(s: S, shift: usize, out: &mut Vec<u32>) {
     out.extend(vectors.iter().flat_map(|v| v.to_array()).flat_map(|x| [bits(x) as u32, (bits(x) >> 32) as u32]));
     // Exact: the products of these have few digits.
     let (x, y, z) = (s.load_d4(&[1.0, -2.0, 3.0, 1e10]), s.splat_d4(1.5 + shift as f64), s.splat_d4(-4.25));
-    out.extend([x.mul_add(y, z), x.negated_mul_add(y, z)].iter().flat_map(|v| v.to_array()).map(|x| (x as f32).to_bits()));
+    out.extend(
+        [x.mul_add(y, z), x.negated_mul_add(y, z)].iter().flat_map(|v| v.to_array()).map(|x| (x as f32).to_bits()),
+    );
     let (le, lt) = (a.le(b), a.lt(b));
     out.extend([le.bits(), lt.bits(), le.and(c.lt(a)).bits(), lt.or(a.le(c)).bits()]);
 }
