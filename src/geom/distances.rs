@@ -6,12 +6,12 @@
 //! Squares Problems by Gram-Schmidt Orthogonalization", BIT 7, 1967).
 //!
 //! The bound: a column is its computed parts put together again, up to 8 roundings of its length. The residual's parts
-//! along the first column and along the rest of the second are zero up to 12 roundings of the greatest length. If these
-//! two are not almost parallel, it is the exact residual of corners and a point that differ by at most 50 roundings, and
-//! so differs in length by no more. If the exact solution for these is outside, the nearest point is on an edge; all
-//! edges are tried. If they are almost parallel, the rest is itself at most 16 roundings long: all points are that near
-//! to the line of the first column, of which the residual is the way. [`error`] allows 128 roundings of the diagonal of
-//! the box of all points.
+//! along the first column and along the rest of the second are zero up to 12 roundings of the greatest length. If
+//! these two are not almost parallel, it is the exact residual of corners and a point that differ by at most 50
+//! roundings, and so differs in length by no more. If the exact solution for these is outside, the nearest point is on
+//! an edge; all edges are tried. If they are almost parallel, the rest is itself at most 16 roundings long: all points
+//! are that near to the line of the first column, of which the residual is the way. [`error`] allows 128 roundings of
+//! the diagonal of the box of all points.
 //!
 //! Lengths from 1e-140 to 1e150 keep the bounds. Beyond, results are poor, but nothing panics.
 

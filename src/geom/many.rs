@@ -1,9 +1,9 @@
 //! The relations of one triangle to many: a filter that decides eight at a time in double precision, and exact signs
 //! for the rest.
 //!
-//! The filter decides as [`super::pairs`] does, wherever each sign is beyond a bound of its rounding error. Coordinates
-//! are relative to the middle of the lot, and one bound holds for all signs of a kind in a lot. All sets of instructions
-//! give the same bits.
+//! The filter decides as [`super::pairs`] does, wherever each sign is beyond a bound of its rounding error.
+//! Coordinates are relative to the middle of the lot, and one bound holds for all signs of a kind in a lot. The set of
+//! instructions may change which pairs it decides, but no relation.
 
 use super::pairs::{Relation, relate};
 use super::signs::{FILTER, Plane, TINY};

@@ -8,9 +8,9 @@
 //! Soundness: a vector of a set can be made only through that set's token, and a token exists only if [`dispatch`] has
 //! checked the CPU. So the operations themselves are safe to call.
 //!
-//! All sets give the same bits (they use no approximate reciprocals), except for `mul_add` and `slabs`. Only three kinds
-//! of code use these: box tests and filters of exact signs, which are conservative by more than the rounding, and planes
-//! of cells, whose products are exact, so that there is only one rounding.
+//! All sets give the same bits (they use no approximate reciprocals), except for `mul_add` and `slabs`. Only three
+//! kinds of code use these: box tests and filters of exact signs, which are conservative by more than the rounding,
+//! and planes of cells, whose products are exact, so that there is only one rounding.
 
 mod common;
 mod doubles;
