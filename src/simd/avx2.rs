@@ -1,6 +1,7 @@
 //! AVX2: eight lanes in a register, sixteen in two.
 
 use super::Op;
+use super::doubles::x86::D4;
 use super::lanes::{Lanes, Mask, Simd};
 use super::order;
 use std::arch::x86_64::*;
@@ -222,10 +223,21 @@ impl Lanes<16> for Pair<V8> {
 }
 
 impl Simd for Avx2 {
+    type D4 = D4;
     type F8 = V8;
     type F16 = Pair<V8>;
     type Index8 = __m256i;
 
+    #[inline(always)]
+    fn splat_d4(self, v: f64) -> D4 {
+        // SAFETY: the token proves that the CPU has the set.
+        D4(unsafe { _mm256_set1_pd(v) })
+    }
+    #[inline(always)]
+    fn load_d4(self, v: &[f64; 4]) -> D4 {
+        // SAFETY: as above; `v` holds 4 doubles, and the load needs no alignment.
+        D4(unsafe { _mm256_loadu_pd(v.as_ptr()) })
+    }
     #[inline(always)]
     fn splat8(self, v: f32) -> V8 {
         // SAFETY: the token `self` proves that the CPU has the set.

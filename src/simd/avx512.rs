@@ -2,6 +2,7 @@
 
 use super::Op;
 use super::avx2::{far_first, greatest8, least8, put_steps16, slabs, steps16};
+use super::doubles::x86::D4;
 use super::lanes::{Lanes, Mask, Simd};
 use super::order;
 use std::arch::x86_64::*;
@@ -237,10 +238,21 @@ impl Lanes<16> for V16 {
 }
 
 impl Simd for Avx512 {
+    type D4 = D4;
     type F8 = V8;
     type F16 = V16;
     type Index8 = __m256i;
 
+    #[inline(always)]
+    fn splat_d4(self, v: f64) -> D4 {
+        // SAFETY: the token proves that the CPU has the set.
+        D4(unsafe { _mm256_set1_pd(v) })
+    }
+    #[inline(always)]
+    fn load_d4(self, v: &[f64; 4]) -> D4 {
+        // SAFETY: as above; `v` holds 4 doubles, and the load needs no alignment.
+        D4(unsafe { _mm256_loadu_pd(v.as_ptr()) })
+    }
     #[inline(always)]
     fn splat8(self, v: f32) -> V8 {
         // SAFETY: the token `self` proves that the CPU has the set.

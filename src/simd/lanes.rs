@@ -1,5 +1,6 @@
 //! Operations of vector types. They are few on purpose.
 
+use super::doubles::Doubles;
 use std::ops::{Add, Mul, Sub};
 
 /// A set of lanes, one bit each.
@@ -49,6 +50,8 @@ pub trait Simd: Copy {
     type F8: Lanes<8>;
     /// Sixteen floats.
     type F16: Lanes<16>;
+    /// Four doubles.
+    type D4: Doubles;
     /// Eight indices below 16.
     type Index8: Copy;
 
@@ -110,4 +113,8 @@ pub trait Simd: Copy {
     fn load16(self, v: &[f32; 16]) -> Self::F16;
     /// Returns a mask of the lanes whose bits in `mask` equal `bits` (bit `i`: lane `i`).
     fn same16(self, v: &[f32; 16], mask: u32, bits: u32) -> u32;
+    /// `v` in all four lanes.
+    fn splat_d4(self, v: f64) -> Self::D4;
+    /// Loads four doubles.
+    fn load_d4(self, v: &[f64; 4]) -> Self::D4;
 }

@@ -1,4 +1,4 @@
-//! Instruction sets chosen at run time, and vectors of 8 and 16 floats that use them.
+//! Instruction sets chosen at run time, and vectors of 8 and 16 floats and of 4 doubles that use them.
 //!
 //! This is the only room with intrinsics. An algorithm is written once, generic over [`Simd`], as an [`Op`];
 //! [`dispatch`] runs it compiled for the chosen set. All functions on the hot path of an `Op` must be
@@ -8,11 +8,12 @@
 //! Soundness: a vector of a set can be made only through that set's token, and a token exists only if [`dispatch`] has
 //! checked the CPU. So the operations themselves are safe to call.
 //!
-//! All sets give the same bits (they use no approximate reciprocals), except for `mul_add` and `slabs`. Only two kinds
-//! of code use these: box tests, which are conservative by more than the rounding, and planes of cells, whose products
-//! are exact, so that there is only one rounding.
+//! All sets give the same bits (they use no approximate reciprocals), except for `mul_add` and `slabs`. Only three
+//! kinds of code use these: box tests and filters of exact signs, which are conservative by more than the rounding,
+//! and planes of cells, whose products are exact, so that there is only one rounding.
 
 mod common;
+mod doubles;
 mod lanes;
 mod one;
 mod portable;
@@ -24,6 +25,7 @@ mod avx512;
 mod order;
 
 pub use common::Common;
+pub use doubles::{Array4, Doubles};
 pub use lanes::{Lanes, Mask, Simd};
 pub use portable::{Array, Portable};
 

@@ -1,5 +1,6 @@
 //! The baseline: plain arrays, which the compiler vectorises with the target's own set (SSE2, NEON).
 
+use super::doubles::Array4;
 use super::lanes::{Lanes, Mask, Simd};
 use std::array::from_fn;
 use std::ops::{Add, Mul, Sub};
@@ -118,10 +119,19 @@ impl<const N: usize> Lanes<N> for Array<N> {
 }
 
 impl Simd for Portable {
+    type D4 = Array4;
     type F8 = Array<8>;
     type F16 = Array<16>;
     type Index8 = [u8; 8];
 
+    #[inline(always)]
+    fn splat_d4(self, v: f64) -> Array4 {
+        Array4([v; 4])
+    }
+    #[inline(always)]
+    fn load_d4(self, v: &[f64; 4]) -> Array4 {
+        Array4(*v)
+    }
     #[inline(always)]
     fn splat8(self, v: f32) -> Array<8> {
         Array([v; 8])

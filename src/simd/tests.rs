@@ -33,6 +33,7 @@ impl Op for Battery {
             sixteen(s.load16(&VALUES), s.load16(&b), s.splat16(2.5), &mut out);
             let (a8, b8) = (first8(&VALUES), first8(&b));
             eight(s.load8(&a8), s.load8(&b8), s.splat8(2.5), &mut out);
+            doubles(s, shift, &mut out);
             let bytes = std::array::from_fn(|i| (i * 37 + shift * 11) as u8);
             out.extend(s.bytes8(&bytes).to_array().map(f32::to_bits));
             let words = std::array::from_fn(|i| 0x9e37_79b9u32.wrapping_mul((i + shift * 8) as u32));
@@ -66,6 +67,24 @@ impl Op for Battery {
         }
         out
     }
+}
+
+/// Four doubles.
+#[inline(always)]
+fn doubles<S: Simd>(s: S, shift: usize, out: &mut Vec<u32>) {
+    let four = |from: usize| std::array::from_fn(|i| f64::from(VALUES[(i + from) % 16]) * 1.000_000_01);
+    let (a, b, c) = (s.load_d4(&four(shift)), s.load_d4(&four(shift / 3 + 5)), s.splat_d4(-2.5));
+    let vectors = [a + b, a - b, a * b, a.min(b), a.max(b), c.abs(), b.abs(), a.select(a.le(b), c)];
+    // The sign and the content of a NaN are those of either operand.
+    let bits = |x: f64| if x.is_nan() { 7 } else { x.to_bits() };
+    out.extend(vectors.iter().flat_map(|v| v.to_array()).flat_map(|x| [bits(x) as u32, (bits(x) >> 32) as u32]));
+    // Exact: the products of these have few digits.
+    let (x, y, z) = (s.load_d4(&[1.0, -2.0, 3.0, 1e10]), s.splat_d4(1.5 + shift as f64), s.splat_d4(-4.25));
+    out.extend(
+        [x.mul_add(y, z), x.negated_mul_add(y, z)].iter().flat_map(|v| v.to_array()).map(|x| (x as f32).to_bits()),
+    );
+    let (le, lt) = (a.le(b), a.lt(b));
+    out.extend([le.bits(), lt.bits(), le.and(c.lt(a)).bits(), lt.or(a.le(c)).bits()]);
 }
 
 /// Numbers near the first one, and at the limits of that.
