@@ -9,6 +9,7 @@ mod asks;
 pub mod batch;
 mod beyond;
 mod chunk;
+pub mod clash;
 pub mod crossings;
 pub mod geometry;
 pub mod hit;

@@ -81,6 +81,19 @@ impl<'a> ModelParts<'a> {
         self.0.parts().iter().map(move |part| part_info(part, self.0))
     }
 
+    /// The part with this index and all parts below it: bit `i % 64` of word `i / 64` is part `i`.
+    pub(crate) fn with_all_below(self, index: u32) -> Vec<u64> {
+        let parts = self.0.parts();
+        let mut bits = vec![0u64; parts.len().div_ceil(64)];
+        let has = |bits: &[u64], i: u32| bits.get(i as usize / 64).is_some_and(|word| word >> (i % 64) & 1 == 1);
+        for (i, part) in (0u32..).zip(parts.iter()).skip(index as usize) {
+            if i == index || part.parent.is_some_and(|parent| has(&bits, parent)) {
+                bits[i as usize / 64] |= 1 << (i % 64);
+            }
+        }
+        bits
+    }
+
     /// The name of the part with this index, with a NUL behind it; empty if there is no such part.
     pub fn name_and_nul(self, index: usize) -> &'a str {
         self.0.parts().name_and_nul(index)

@@ -1,0 +1,216 @@
+//! Results of pairs of triangles, collected by pairs of parts. They do not depend on the order of visits.
+
+use super::ClashDetail;
+use super::frame::Frames;
+use super::task::{PartKey, Task};
+use crate::geom::distances::apart_triangles;
+use crate::geom::pairs::{Relation, meeting, relate};
+use crate::math::DBounds;
+use crate::scene::placed::Placed;
+use crate::structure::Place;
+use crate::structure::pairs::{PairLeaf, PairSide};
+use glam::DVec3;
+use std::collections::BTreeMap;
+
+/// A pair of parts, the lesser key first.
+pub(super) type PairKey = [PartKey; 2];
+
+/// A pair of triangles that meet, in the order of their parts.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Met {
+    pub parts: PairKey,
+    /// The placed tree of each triangle, and the place of its primitive id.
+    pub at: [(u32, Place); 2],
+    pub relation: Relation,
+    pub points: [DVec3; 2],
+}
+
+/// All that is known of a pair of parts.
+#[derive(Debug, Clone)]
+pub(super) struct Facts {
+    /// Numbers of pairs of triangles that cross, overlap in a plane, and touch. A pair that spatial splits put into
+    /// several leaves counts several times.
+    pub counts: [u64; 3],
+    /// The common point that is least by the strongest relation, then by x, y, z.
+    pub point: Option<(Relation, [DVec3; 2])>,
+    /// Bounds of all common points.
+    pub bounds: DBounds,
+    /// The nearest points of triangles that are apart: squared distance, bound of the rounding error of the distance, a
+    /// point of each.
+    pub nearest: Option<(f64, f64, [DVec3; 2])>,
+}
+
+impl Facts {
+    const NONE: Self = Self { counts: [0; 3], point: None, bounds: DBounds::EMPTY, nearest: None };
+
+    /// True if triangles meet.
+    pub fn meets(&self) -> bool {
+        self.counts != [0; 3]
+    }
+
+    fn merge(&mut self, other: &Self) {
+        self.counts.iter_mut().zip(other.counts).for_each(|(own, other)| *own += other);
+        self.bounds = self.bounds.union(other.bounds);
+        if let Some((relation, points)) = other.point {
+            self.meet(relation, points);
+        }
+        if let Some(nearest) = other.nearest {
+            self.approach(nearest);
+        }
+    }
+
+    fn meet(&mut self, relation: Relation, points: [DVec3; 2]) {
+        let is_less = |of: &(Relation, [DVec3; 2])| {
+            let key = |of: &(Relation, [DVec3; 2])| (std::cmp::Reverse(of.0), of.1.map(|p| p.to_array()));
+            key(&(relation, points)).partial_cmp(&key(of)).is_some_and(|order| order.is_lt())
+        };
+        if self.point.as_ref().is_none_or(is_less) {
+            self.point = Some((relation, points));
+        }
+    }
+
+    fn approach(&mut self, nearest: (f64, f64, [DVec3; 2])) {
+        let key = |(squared, _, points): &(f64, f64, [DVec3; 2])| (*squared, points.map(|p| p.to_array()));
+        let is_less = |of: &_| key(&nearest).partial_cmp(&key(of)).is_some_and(|order| order.is_lt());
+        if self.nearest.as_ref().is_none_or(is_less) {
+            self.nearest = Some(nearest);
+        }
+    }
+}
+
+/// Results of walks.
+#[derive(Debug, Default)]
+pub(super) struct Found {
+    pub facts: BTreeMap<PairKey, Facts>,
+    pub met: Vec<Met>,
+    /// True if pairs of triangles were left out of `met`, because there are more than the limit.
+    pub is_cut: bool,
+}
+
+impl Found {
+    pub fn merge(&mut self, other: Self, limit: u64) {
+        for (key, facts) in other.facts {
+            self.facts.entry(key).or_insert(Facts::NONE).merge(&facts);
+        }
+        self.met.extend(other.met);
+        self.is_cut |= other.is_cut;
+        self.keep(limit, false);
+    }
+
+    /// Keeps the least `limit` pairs of triangles by parts and places, each once. Without `now` it may keep more.
+    pub fn keep(&mut self, limit: u64, now: bool) {
+        let limit = usize::try_from(limit).unwrap_or(usize::MAX);
+        if now || self.met.len() >= limit.saturating_mul(2).max(1 << 12) {
+            let key = |met: &Met| (met.parts, met.at);
+            self.met.sort_unstable_by_key(key);
+            self.met.dedup_by_key(|met| key(met));
+            self.is_cut |= self.met.len() > limit;
+            self.met.truncate(limit);
+        }
+    }
+
+    /// Bytes of memory.
+    pub fn bytes(&self) -> u64 {
+        (self.facts.len() * size_of::<(PairKey, Facts)>() + self.met.capacity() * size_of::<Met>()) as u64
+    }
+}
+
+/// Compares triangles of two placed trees.
+pub(super) struct Meeting<'a> {
+    task: &'a Task<'a>,
+    pair: [u32; 2],
+    placed: [&'a Placed; 2],
+    frames: &'a Frames,
+    found: &'a mut Found,
+    /// The last pair of parts, and whether it is compared.
+    last: Option<(PairKey, bool)>,
+}
+
+impl<'a> Meeting<'a> {
+    pub fn new(
+        task: &'a Task<'a>,
+        pair: [u32; 2],
+        placed: [&'a Placed; 2],
+        frames: &'a Frames,
+        found: &'a mut Found,
+    ) -> Self {
+        Self { task, pair, placed, frames, found, last: None }
+    }
+
+    /// Compares a triangle of a leaf with those of another leaf in a mask, see `PairDescent::go_on`.
+    pub fn compare(
+        &mut self,
+        sides: &[PairSide; 2],
+        (a, i): (&PairLeaf, usize),
+        (b, from, mut mask): (&PairLeaf, usize, u32),
+    ) {
+        let both = self.placed;
+        let key = |side: usize, part: u32| {
+            let placed = both[side];
+            [placed.instance, placed.first_part.saturating_add(part)]
+        };
+        let x = key(0, a.parts[i]);
+        while mask != 0 {
+            let j = from + mask.trailing_zeros() as usize;
+            mask &= mask - 1;
+            let y = key(1, b.parts[j]);
+            let is_turned = y < x;
+            let parts = if is_turned { [y, x] } else { [x, y] };
+            let is_wanted = match self.last {
+                Some((last, is_wanted)) if last == parts => is_wanted,
+                _ => {
+                    let is_wanted = self.task.wants(x, y);
+                    self.last = Some((parts, is_wanted));
+                    is_wanted
+                }
+            };
+            if is_wanted {
+                self.compare_two(sides, parts, is_turned, (a, i), (b, j));
+            }
+        }
+    }
+
+    fn compare_two(
+        &mut self,
+        sides: &[PairSide; 2],
+        parts: PairKey,
+        is_turned: bool,
+        (a, i): (&PairLeaf, usize),
+        (b, j): (&PairLeaf, usize),
+    ) {
+        let (first, second) = (&a.triangles[i], &b.triangles[j]);
+        let relation = relate(first, second);
+        let in_world = |points: [DVec3; 2]| points.map(|p| p + self.frames.origin);
+        let at = match relation {
+            Relation::Apart => {
+                let clearance = self.task.options.clearance;
+                if clearance > 0.0 {
+                    let near = apart_triangles(first, second);
+                    if near.bounds()[0] <= clearance {
+                        let points = if is_turned { [near.points[1], near.points[0]] } else { near.points };
+                        let nearest = (near.squared, near.error, in_world(points));
+                        self.found.facts.entry(parts).or_insert(Facts::NONE).approach(nearest);
+                    }
+                }
+                return;
+            }
+            Relation::Crossing => 0,
+            Relation::Coplanar => 1,
+            Relation::Touching | Relation::Adjacent => 2,
+        };
+        let Some(points) = meeting(first, second).map(in_world) else { return };
+        let facts = self.found.facts.entry(parts).or_insert(Facts::NONE);
+        facts.counts[at] += 1;
+        facts.meet(relation, points);
+        points.iter().for_each(|&p| facts.bounds = facts.bounds.union(DBounds { min: p, max: p }));
+        if self.task.options.detail == ClashDetail::Triangles {
+            let places = [sides[0].tree.prim_place(&a.hits[i]), sides[1].tree.prim_place(&b.hits[j])];
+            if let [Some(x), Some(y)] = places {
+                let [x, y] = [(self.pair[0], x), (self.pair[1], y)];
+                let at = if is_turned { [y, x] } else { [x, y] };
+                self.found.met.push(Met { parts, at, relation, points });
+                self.found.keep(self.task.options.limit, false);
+            }
+        }
+    }
+}

@@ -1,0 +1,233 @@
+//! Clashes: pairs of parts whose surfaces cross, touch, or are nearer to each other than a clearance, and parts inside
+//! of others. Decided by the triangles, in exact arithmetic on their corners, which are placed once in double precision
+//! in a frame near the pair. So answers do not depend on threads, on the order of both sets, or on the blocks in memory.
+
+mod contained;
+mod facts;
+mod frame;
+mod ids;
+mod quest;
+mod sets;
+mod task;
+
+use crate::base::error::{Error, Result};
+use crate::base::progress::Cancel;
+use crate::geom::pairs::Relation;
+use crate::math::DBounds;
+use crate::query::hit::NONE;
+use crate::scene::SceneState;
+use facts::{Facts, Found, PairKey};
+use glam::DVec3;
+pub use sets::{ClashRules, PartSet};
+use task::{PartKey, Task};
+
+/// The results of a clash query that are asked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
+#[repr(u32)]
+pub enum ClashDetail {
+    /// One clash for each pair of parts.
+    #[default]
+    Parts = 1,
+    /// One clash for each pair of triangles that meet, and for each pair of parts without such.
+    Triangles = 2,
+}
+
+/// The way in which two parts clash.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[repr(u32)]
+pub enum ClashKind {
+    /// Their surfaces cross, or overlap in a plane.
+    Crossing = 1,
+    /// Their surfaces touch, and do not cross.
+    Touching = 2,
+    /// One part is inside of the other, which is closed; their surfaces have no point in common.
+    Contained = 3,
+    /// They are apart, and not farther from each other than the clearance.
+    Clearance = 4,
+}
+
+/// Options of a clash query.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ClashOptions {
+    /// Parts of which a clash has one.
+    pub a: PartSet,
+    /// Parts of which a clash has the other; `None`: `a`.
+    pub b: Option<PartSet>,
+    /// Pairs of parts that are not compared.
+    pub rules: ClashRules,
+    /// Distance in world units up to which parts that are apart clash; 0: parts that are apart do not clash.
+    pub clearance: f64,
+    /// The results that are asked for.
+    pub detail: ClashDetail,
+    /// Greatest number of pairs of triangles that are returned.
+    pub limit: u64,
+}
+
+impl Default for ClashOptions {
+    fn default() -> Self {
+        Self {
+            a: PartSet::all(),
+            b: None,
+            rules: ClashRules::default(),
+            clearance: 0.0,
+            detail: ClashDetail::default(),
+            limit: 1 << 20,
+        }
+    }
+}
+
+/// A clash of two parts, or of a triangle of each.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Clash {
+    /// The caller's ids of both instances. The first part is in the first set, and the second in the second set; if
+    /// both may be either, the one comes first whose instance was added first, or that comes first in its model.
+    pub instances: [u64; 2],
+    /// The caller's ids of both parts.
+    pub parts: [u64; 2],
+    /// The indices of both triangles in the inputs of their models' builds; [`NONE`] in a clash of parts.
+    pub prims: [u64; 2],
+    /// The way in which they clash.
+    pub kind: ClashKind,
+    /// World space. Crossing and touching: the ends of the common segment of two triangles. Clearance: a point of each
+    /// part, nearest to each other. Contained: a corner of the part inside, twice.
+    pub points: [DVec3; 2],
+    /// Distance between the parts; 0 if they have points in common.
+    pub distance: f64,
+    /// Bound of the error of `distance`.
+    pub error: f64,
+    /// Bounds of all common points; of `points` if there are none.
+    pub bounds: DBounds,
+    /// Number of pairs of triangles that meet. Where spatial splits put triangles into several leaves, pairs of these
+    /// are counted several times in a clash of parts.
+    pub count: u64,
+    /// True for each part that is not closed: nothing is known of its inside.
+    pub is_open: [bool; 2],
+}
+
+/// The end of a clash query.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct ClashSummary {
+    /// Number of clashes.
+    pub clashes: u64,
+    /// Number of pairs of parts that clash.
+    pub pairs: u64,
+    /// True if pairs of triangles were left out, because there are more than the limit.
+    pub is_cut: bool,
+}
+
+impl SceneState {
+    /// Finds the pairs of visible parts that clash, and calls `take` in the caller's thread for each: by instance in
+    /// the order added, then by part in the file's order, then by triangle.
+    ///
+    /// Parts of one instance are compared too, and each instance of a shared mesh counts; the triangles of one part are
+    /// not compared with each other. Parts that meet in a corner or an edge touch.
+    ///
+    /// Blocks; may read the disk. Thread-safe. Fails with `BadArgument` for an empty set, for ids that the scene lacks,
+    /// and for a clearance that is negative or not finite; with `Cancelled`, and with the error of a disk read.
+    pub fn clash(&self, options: &ClashOptions, cancel: &Cancel, take: &mut dyn FnMut(&Clash)) -> Result<ClashSummary> {
+        if !(options.clearance >= 0.0 && options.clearance.is_finite()) {
+            let given = options.clearance;
+            return Err(Error::BadArgument(format!("the clearance is {given}; it must be finite and not negative")));
+        }
+        if options.a.is_empty() || options.b.as_ref().is_some_and(PartSet::is_empty) {
+            return Err(Error::bad_argument("a set of parts is empty"));
+        }
+        let task = Task::new(self, options, cancel)?;
+        let mut found = quest::search(&task, &task.tree_pairs())?;
+        cancel.check()?;
+        found.keep(options.limit, true);
+        let ids = ids::of_triangles(self, &found.met)?;
+        let contained = contained::search(&task, &found)?;
+        cancel.check()?;
+        Ok(hand_out(&task, found, &ids, &contained, take))
+    }
+}
+
+/// Hands out all clashes in order.
+fn hand_out(
+    task: &Task,
+    found: Found,
+    ids: &[[u64; 2]],
+    contained: &std::collections::BTreeMap<PairKey, DVec3>,
+    take: &mut dyn FnMut(&Clash),
+) -> ClashSummary {
+    let mut summary = ClashSummary { is_cut: found.is_cut, ..ClashSummary::default() };
+    let mut met: Vec<_> = found.met.iter().zip(ids).collect();
+    met.sort_unstable_by_key(|(met, ids)| (met.parts, **ids));
+    met.dedup_by_key(|(met, ids)| (met.parts, **ids));
+    let mut met = met.into_iter().peekable();
+    let mut keys: Vec<PairKey> = found.facts.keys().chain(contained.keys()).copied().collect();
+    keys.sort_unstable();
+    keys.dedup();
+    for key in keys {
+        let Some(clash) = of_parts(task, key, found.facts.get(&key), contained.get(&key)) else { continue };
+        summary.pairs += 1;
+        let mut has_triangles = false;
+        while let Some((of, prims)) = met.next_if(|(met, _)| met.parts == key) {
+            let kind = if of.relation >= Relation::Coplanar { ClashKind::Crossing } else { ClashKind::Touching };
+            let [a, b] = of.points;
+            let bounds = DBounds { min: a.min(b), max: a.max(b) };
+            let one = Clash { prims: *prims, kind, points: of.points, bounds, count: 1, ..clash };
+            (summary.clashes, has_triangles) = (summary.clashes + 1, true);
+            take(&task.in_order(key, one));
+        }
+        if !has_triangles {
+            summary.clashes += 1;
+            take(&task.in_order(key, clash));
+        }
+    }
+    summary
+}
+
+/// The clash of a pair of parts; `None` if they do not clash.
+fn of_parts(task: &Task, key: PairKey, facts: Option<&Facts>, inside: Option<&DVec3>) -> Option<Clash> {
+    let info = key.map(|[instance, part]| {
+        let it = &task.scene.instances[instance as usize];
+        let part = task.scene.models[it.model as usize].parts().get(part as usize);
+        (it.id, part.as_ref().map_or(NONE, |part| part.id), part.is_none_or(|part| !part.is_closed))
+    });
+    let clash = Clash {
+        instances: info.map(|it| it.0),
+        parts: info.map(|it| it.1),
+        prims: [NONE; 2],
+        kind: ClashKind::Crossing,
+        points: [DVec3::ZERO; 2],
+        distance: 0.0,
+        error: 0.0,
+        bounds: DBounds::EMPTY,
+        count: 0,
+        is_open: info.map(|it| it.2),
+    };
+    let around = |[a, b]: [DVec3; 2]| DBounds { min: a.min(b), max: a.max(b) };
+    if let Some((relation, points)) = facts.and_then(|facts| facts.point) {
+        let facts = facts?;
+        let kind = if relation >= Relation::Coplanar { ClashKind::Crossing } else { ClashKind::Touching };
+        return Some(Clash { kind, points, bounds: facts.bounds, count: facts.counts.iter().sum(), ..clash });
+    }
+    if let Some(&corner) = inside {
+        let points = [corner; 2];
+        return Some(Clash { kind: ClashKind::Contained, points, bounds: around(points), ..clash });
+    }
+    let (squared, error, points) = facts?.nearest?;
+    let distance = squared.sqrt();
+    let is_near = distance - error <= task.options.clearance;
+    is_near.then(|| Clash { kind: ClashKind::Clearance, points, distance, error, bounds: around(points), ..clash })
+}
+
+impl Task<'_> {
+    /// Puts the parts of a clash into the order of the sets.
+    fn in_order(&self, [x, y]: [PartKey; 2], clash: Clash) -> Clash {
+        if self.is_in_order(x, y) {
+            return clash;
+        }
+        let turn = |[a, b]: [u64; 2]| [b, a];
+        Clash {
+            instances: turn(clash.instances),
+            parts: turn(clash.parts),
+            prims: turn(clash.prims),
+            points: [clash.points[1], clash.points[0]],
+            is_open: [clash.is_open[1], clash.is_open[0]],
+            ..clash
+        }
+    }
+}

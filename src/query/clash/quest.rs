@@ -1,0 +1,176 @@
+//! The search for pairs of triangles, in [rounds](super::super::rounds): a walk through a pair of placed trees goes on
+//! when blocks that it lacked have come.
+
+use super::super::rounds::{Quest, Rounds, WaitList};
+use super::facts::{Found, Meeting};
+use super::frame::Frames;
+use super::task::Task;
+use crate::base::error::Result;
+use crate::base::ids::BlockId;
+use crate::scene::SceneState;
+use crate::scene::walk::{Need, SceneView, Snapshots};
+use crate::structure::pairs::{PairDescent, PairSide, PairWalk};
+use std::collections::BTreeSet;
+use std::sync::{Mutex, PoisonError};
+
+/// Number of walks that work is divided into, if blocks are in memory: enough for all threads.
+const WALKS: usize = 512;
+
+/// Walks through pairs of placed trees. Each is two indices of placed trees, the first not above the second.
+pub(super) fn search(task: &Task, pairs: &[[u32; 2]]) -> Result<Found> {
+    let scene = task.scene;
+    let stamp = scene.context().residency().stamp();
+    let mut items = Vec::new();
+    {
+        let snapshots = Snapshots::take(scene);
+        let view = SceneView::new(scene, &snapshots, stamp);
+        let each = WALKS.div_ceil(pairs.len().max(1));
+        let mut walk = PairWalk::default();
+        for &pair in pairs {
+            let [a, b] = pair.map(|placed| view.tree(placed));
+            let mut descent = PairDescent::new(&a, &b, pair[0] == pair[1]);
+            if each > 1 {
+                let frames = frames(task, pair);
+                let sides = [PairSide { tree: a, frame: &frames.of[0] }, PairSide { tree: b, frame: &frames.of[1] }];
+                walk.clear();
+                descent.widen([&sides[0], &sides[1]], each, &mut walk);
+            }
+            items.extend(descent.split(each).into_iter().map(|descent| Piece::new(pair, descent)));
+        }
+    }
+    let count = items.len();
+    let items = items.into_iter().map(|piece| Mutex::new(Some(piece))).collect();
+    let rounds = Rounds::new(Walks { task, items, stamp, found: Mutex::default() });
+    scene.context().pool().run_scoped(count, &rounds).into_result()?;
+    Ok(rounds.quest.found.into_inner().unwrap_or_else(PoisonError::into_inner))
+}
+
+fn frames(task: &Task, pair: [u32; 2]) -> Frames {
+    Frames::new(pair.map(|at| &task.scene.placement.placed[at as usize]), task.options.clearance)
+}
+
+/// The quest: its items and pieces are walks.
+struct Walks<'a> {
+    task: &'a Task<'a>,
+    items: Vec<Mutex<Option<Piece>>>,
+    stamp: u32,
+    found: Mutex<Found>,
+}
+
+/// The rest of a walk through a pair of placed trees.
+pub(super) struct Piece {
+    pair: [u32; 2],
+    models: [u32; 2],
+    descent: PairDescent,
+    found: Found,
+}
+
+impl Piece {
+    fn new(pair: [u32; 2], descent: PairDescent) -> Self {
+        Self { pair, models: [0; 2], descent, found: Found::default() }
+    }
+
+    /// The blocks that each remaining pair of places needs.
+    fn needs(&self) -> impl Iterator<Item = [Need; 2]> {
+        let [a, b] = self.models;
+        self.descent.needs().map(move |[x, y]: [BlockId; 2]| [Need { model: a, block: x }, Need { model: b, block: y }])
+    }
+}
+
+impl Walks<'_> {
+    /// Takes a walk as far as the blocks in memory allow; returns it if anything is left.
+    fn go_on(&self, mut piece: Piece, snapshots: &Snapshots) -> Option<Piece> {
+        let Self { task, stamp, .. } = *self;
+        if task.is_over() {
+            return None;
+        }
+        let view = SceneView::new(task.scene, snapshots, stamp);
+        let placed = piece.pair.map(|at| &task.scene.placement.placed[at as usize]);
+        piece.models = placed.map(|p| p.model);
+        let frames = frames(task, piece.pair);
+        let [a, b] = piece.pair.map(|at| view.tree(at));
+        let sides = [PairSide { tree: a, frame: &frames.of[0] }, PairSide { tree: b, frame: &frames.of[1] }];
+        let context = task.scene.context();
+        let mut walk = context.take_scratch::<PairWalk>();
+        walk.clear();
+        let mut meeting = Meeting::new(task, piece.pair, placed, &frames, &mut piece.found);
+        piece.descent.go_on([&sides[0], &sides[1]], &mut walk, &mut |a, i, b, at, mask| {
+            meeting.compare(&sides, (a, i), (b, at, mask));
+            !task.is_over()
+        });
+        context.give_scratch(walk);
+        if piece.descent.is_done() {
+            let found = std::mem::take(&mut piece.found);
+            self.found.lock().unwrap_or_else(PoisonError::into_inner).merge(found, task.options.limit);
+            return None;
+        }
+        Some(piece)
+    }
+}
+
+impl Quest for Walks<'_> {
+    type Waiting = Waiting;
+    const ITEM_BYTES: u64 = 4096;
+    const RENEWAL: usize = 8;
+    const FETCH: usize = 32;
+
+    fn scene(&self) -> &SceneState {
+        self.task.scene
+    }
+
+    fn begin(&self, item: usize, snapshots: &Snapshots) -> Vec<Piece> {
+        let piece = self.items[item].lock().unwrap_or_else(PoisonError::into_inner).take();
+        piece.and_then(|piece| self.go_on(piece, snapshots)).into_iter().collect()
+    }
+
+    fn resume(&self, piece: Piece, snapshots: &Snapshots) -> Option<Piece> {
+        self.go_on(piece, snapshots)
+    }
+}
+
+/// Walks that lack blocks.
+#[derive(Default)]
+pub(super) struct Waiting(Vec<Piece>);
+
+impl WaitList for Waiting {
+    type Piece = Piece;
+    type Parked = Piece;
+
+    fn bytes(piece: &Piece) -> u64 {
+        size_of::<Piece>() as u64 + piece.descent.bytes() + piece.found.bytes()
+    }
+
+    fn piece(piece: &Piece) -> &Piece {
+        piece
+    }
+
+    fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    fn push(&mut self, piece: Piece) {
+        self.0.push(piece);
+    }
+
+    fn take(&mut self, is_there: impl Fn(Need) -> bool) -> Vec<Piece> {
+        self.0.extract_if(.., |piece| piece.needs().any(|both| both.into_iter().all(&is_there))).collect()
+    }
+
+    /// Plans both blocks of pairs of places, those of the first pairs first: their blocks are neighbours in both trees.
+    fn plan(&self, room: u64, bytes: impl Fn(Need) -> u64) -> (Vec<Need>, bool) {
+        let mut pairs: Vec<[Need; 2]> = self.0.iter().flat_map(Piece::needs).collect();
+        pairs.sort_unstable();
+        pairs.dedup();
+        let (mut chosen, mut planned, mut sum) = (BTreeSet::new(), Vec::new(), 0);
+        for both in pairs {
+            let more: BTreeSet<Need> = both.into_iter().filter(|need| !chosen.contains(need)).collect();
+            sum += more.iter().map(|&need| bytes(need)).sum::<u64>();
+            if sum > room && !planned.is_empty() {
+                return (planned, false);
+            }
+            planned.extend(&more);
+            chosen.extend(more);
+        }
+        (planned, true)
+    }
+}

@@ -1,0 +1,121 @@
+//! A clash query, prepared: which pairs of parts are compared.
+
+use super::sets::{Members, Rules};
+use super::{ClashOptions, PartSet};
+use crate::base::error::Result;
+use crate::base::progress::Cancel;
+use crate::math::DBounds;
+use crate::scene::SceneState;
+use crate::scene::placed::Placed;
+
+/// A part of an instance, by the indices of both.
+pub(super) type PartKey = [u32; 2];
+
+pub(super) struct Task<'a> {
+    pub scene: &'a SceneState,
+    pub options: &'a ClashOptions,
+    a: Members,
+    /// `None`: as `a`.
+    b: Option<Members>,
+    rules: Rules<'a>,
+    cancel: &'a Cancel,
+}
+
+impl<'a> Task<'a> {
+    pub fn new(scene: &'a SceneState, options: &'a ClashOptions, cancel: &'a Cancel) -> Result<Self> {
+        let a = Members::of(scene, &options.a, "the first set")?;
+        let of_b = |set: &PartSet| Members::of(scene, set, "the second set");
+        let b = options.b.as_ref().map(of_b).transpose()?;
+        Ok(Self { scene, options, a, b, rules: Rules::new(scene, &options.rules), cancel })
+    }
+
+    /// True if the query was cancelled.
+    pub fn is_over(&self) -> bool {
+        self.cancel.is_cancelled()
+    }
+
+    /// Set when the query is cancelled.
+    pub fn cancel(&self) -> &Cancel {
+        self.cancel
+    }
+
+    fn b(&self) -> &Members {
+        self.b.as_ref().unwrap_or(&self.a)
+    }
+
+    /// True if a part is in the first set, and another in the second one.
+    pub fn is_in_order(&self, x: PartKey, y: PartKey) -> bool {
+        self.a.has(x[0], x[1]) && self.b().has(y[0], y[1])
+    }
+
+    /// True if a pair of parts is compared, in either order.
+    #[inline]
+    pub fn wants(&self, x: PartKey, y: PartKey) -> bool {
+        x != y
+            && (self.is_in_order(x, y) || self.is_in_order(y, x))
+            && self.is_shown(x)
+            && self.is_shown(y)
+            && !self.rules.skips(x, y)
+    }
+
+    /// True if a part is in one of the sets and visible.
+    pub fn has(&self, x: PartKey) -> bool {
+        (self.a.has(x[0], x[1]) || self.b().has(x[0], x[1])) && self.is_shown(x)
+    }
+
+    fn is_shown(&self, [instance, part]: PartKey) -> bool {
+        let it = &self.scene.instances[instance as usize];
+        it.look.visible && !it.parts.looks.hides(part)
+    }
+
+    /// Returns the pairs of placed trees that may have pairs of parts within the clearance of each other, in order.
+    pub fn tree_pairs(&self) -> Vec<[u32; 2]> {
+        let placed = &self.scene.placement.placed;
+        let count = |p: &Placed| self.scene.models[p.model as usize].local_parts(p.tree);
+        let any = |members: &Members, p: &Placed| members.has_any(p.instance, p.first_part, count(p));
+        // Which of both sets each tree may have parts of.
+        let may: Vec<[bool; 2]> = placed
+            .iter()
+            .map(|p| {
+                let is_shown = self.scene.instances[p.instance as usize].look.visible && !p.bounds.is_empty();
+                [is_shown && any(&self.a, p), is_shown && any(self.b(), p)]
+            })
+            .collect();
+        let mut pairs = Vec::new();
+        near_pairs(placed.iter().map(|p| p.bounds), &may, self.options.clearance, |x, y| {
+            if x != y || count(&placed[x]) > 1 {
+                pairs.push([x.min(y) as u32, x.max(y) as u32]);
+            }
+        });
+        pairs.sort_unstable();
+        pairs
+    }
+}
+
+/// Calls `take` for each pair of boxes, a box and itself included, that are within `reach` of each other along each
+/// axis, of which one may be the first of a pair and the other the second. A sweep along the longest axis.
+pub(super) fn near_pairs(
+    boxes: impl Iterator<Item = DBounds>,
+    may: &[[bool; 2]],
+    reach: f64,
+    mut take: impl FnMut(usize, usize),
+) {
+    let boxes: Vec<DBounds> = boxes.collect();
+    let mut order: Vec<usize> = (0..boxes.len()).filter(|&i| may[i] != [false; 2]).collect();
+    let all = order.iter().fold(DBounds::EMPTY, |all, &i| all.union(boxes[i]));
+    let extent = all.extent();
+    let axis = (1..3).fold(0, |best, axis| if extent[axis] > extent[best] { axis } else { best });
+    order.sort_by(|&x, &y| boxes[x].min[axis].total_cmp(&boxes[y].min[axis]).then(x.cmp(&y)));
+    let is_wanted = |x: usize, y: usize| may[x][0] && may[y][1] || may[y][0] && may[x][1];
+    for (k, &x) in order.iter().enumerate() {
+        let end = boxes[x].max[axis] + reach;
+        for &y in order[k..].iter().take_while(|&&y| boxes[y].min[axis] <= end) {
+            let is_near = |axis: usize| {
+                boxes[x].min[axis] <= boxes[y].max[axis] + reach && boxes[y].min[axis] <= boxes[x].max[axis] + reach
+            };
+            if is_wanted(x, y) && (0..3).all(is_near) {
+                take(x, y);
+            }
+        }
+    }
+}

@@ -1,0 +1,237 @@
+//! Clashes, against brute force over all pairs of triangles by exact predicates.
+
+mod common;
+
+use common::brute::Tri;
+use common::built::{self, Part};
+use common::rng::Rng;
+use common::scenes::{self, rounded};
+use glam::{DAffine3, DMat3, DQuat, DVec3};
+use outcrop::base::progress::Cancel;
+use outcrop::geom::pairs::{Relation, relate};
+use outcrop::query::clash::{Clash, ClashDetail, ClashKind, ClashOptions, ClashRules, ClashSummary, PartSet};
+use outcrop::scene::{Context, Model, Scene};
+use std::collections::BTreeMap;
+
+/// A box between two corners, 12 triangles that face outward.
+fn cuboid(min: DVec3, max: DVec3) -> Vec<Tri> {
+    let at = |i: usize| DVec3::new([min.x, max.x][i & 1], [min.y, max.y][i >> 1 & 1], [min.z, max.z][i >> 2]);
+    let faces = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    faces.iter().flat_map(|f| [[f[0], f[1], f[2]], [f[0], f[2], f[3]]]).map(|t: [usize; 3]| t.map(at)).collect()
+}
+
+struct World {
+    _context: Context,
+    scene: Scene,
+    /// For each instance its id, its placement and its parts.
+    all: Vec<(u64, DAffine3, Vec<Part>)>,
+}
+
+/// One model for each list of parts, in one place each.
+fn world(models: Vec<(Vec<Part>, Vec<DAffine3>)>, threads: usize) -> World {
+    let context = built::context(threads);
+    let scene = Scene::new(&context);
+    let mut all = Vec::new();
+    for (parts, places) in models {
+        let file = built::parts(&parts);
+        let model = Model::open(&context, &file.path).expect("it opens");
+        for place in places {
+            let id = 100 + all.len() as u64;
+            scene.add_instance(&model, id, place).expect("an instance");
+            let parts = parts.iter().map(|p| Part::white(p.id, p.tris.clone())).collect();
+            all.push((id, place, parts));
+        }
+        // The file is read to its end: all of it is in memory.
+        model.load(&Cancel::new()).expect("it loads");
+    }
+    scene.commit().expect("a commit");
+    World { _context: context, scene, all }
+}
+
+impl World {
+    fn clash(&self, options: &ClashOptions) -> (Vec<Clash>, ClashSummary) {
+        let mut out = Vec::new();
+        let summary =
+            self.scene.state().clash(options, &Cancel::new(), &mut |clash| out.push(*clash)).expect("an answer");
+        assert_eq!(summary.clashes as usize, out.len());
+        (out, summary)
+    }
+
+    /// All pairs of triangles of different parts that meet: parts with instances, indices, relation.
+    fn brute(&self) -> BTreeMap<([u64; 2], [u64; 2], [u64; 2]), Relation> {
+        let mut tris = Vec::new();
+        for (instance, place, parts) in &self.all {
+            let mut prim = 0;
+            for part in parts {
+                for tri in &part.tris {
+                    tris.push((*instance, part.id, prim, tri.map(|v| place.transform_point3(v))));
+                    prim += 1;
+                }
+            }
+        }
+        let mut out = BTreeMap::new();
+        for (i, a) in tris.iter().enumerate() {
+            for b in &tris[i + 1..] {
+                if (a.0, a.1) != (b.0, b.1) {
+                    let relation = relate(&a.3, &b.3);
+                    if relation != Relation::Apart {
+                        out.insert(([a.0, b.0], [a.1, b.1], [a.2, b.2]), relation);
+                    }
+                }
+            }
+        }
+        out
+    }
+
+    fn assert_equals_brute(&self, name: &str) -> usize {
+        let options = ClashOptions { detail: ClashDetail::Triangles, ..ClashOptions::default() };
+        let (clashes, summary) = self.clash(&options);
+        assert!(!summary.is_cut);
+        let meets = |kind| [ClashKind::Crossing, ClashKind::Touching].contains(&kind);
+        let found: BTreeMap<_, _> =
+            clashes.iter().filter(|c| meets(c.kind)).map(|c| ((c.instances, c.parts, c.prims), c.kind)).collect();
+        assert_eq!(found.len(), clashes.iter().filter(|c| meets(c.kind)).count(), "{name}: each pair once");
+        let expected = self.brute();
+        let kind = |r: Relation| if r >= Relation::Coplanar { ClashKind::Crossing } else { ClashKind::Touching };
+        for (key, relation) in &expected {
+            assert_eq!(found.get(key), Some(&kind(*relation)), "{name}: {key:?} {relation:?}");
+        }
+        assert_eq!(found.len(), expected.len(), "{name}");
+        found.len()
+    }
+}
+
+fn soup(rng: &mut Rng, count: usize, size: f64, spread: f64) -> Vec<Tri> {
+    (0..count)
+        .map(|_| {
+            let at = DVec3::new(rng.between(-1.0, 1.0), rng.between(-1.0, 1.0), rng.between(-1.0, 1.0)) * spread;
+            [0, 1, 2].map(|_| rounded(at + rng.direction() * size))
+        })
+        .filter(scenes::has_area)
+        .collect()
+}
+
+#[test]
+fn soups_equal_brute_force() {
+    let mut rng = Rng::new(41);
+    for threads in [0, 2] {
+        let parts =
+            || (1..=6).map(|id| Part::white(id, soup(&mut Rng::new(40 + id), 150, 0.25, 1.0))).collect::<Vec<_>>();
+        let turned = DAffine3::from_rotation_translation(DQuat::from_rotation_y(0.4), DVec3::new(0.1, 0.2, -0.1));
+        let far = DAffine3::from_translation(DVec3::new(1e7, -1e7, 0.0));
+        let mirrored = DAffine3 {
+            matrix3: DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.5)),
+            translation: DVec3::new(0.3, 0.0, 0.25),
+        };
+        let other = vec![Part::white(9, soup(&mut rng, 200, 0.25, 0.8))];
+        let one = world(vec![(parts(), vec![DAffine3::IDENTITY])], threads);
+        assert!(one.assert_equals_brute("parts of one mesh") > 500);
+        let two = world(vec![(parts(), vec![DAffine3::IDENTITY, turned]), (other, vec![mirrored])], threads);
+        assert!(two.assert_equals_brute("turned and mirrored") > 1000);
+        let other = vec![Part::white(9, soup(&mut rng, 200, 0.25, 0.8))];
+        let away = world(vec![(parts(), vec![far]), (other, vec![far])], threads);
+        assert!(away.assert_equals_brute("far from zero") > 500);
+    }
+}
+
+/// Boxes in a grid: faces, edges and corners in common, exactly.
+#[test]
+fn boxes_in_a_grid_touch_and_overlap_in_planes() {
+    let at = |i: usize| DVec3::new((i % 3) as f64, (i / 3 % 3) as f64, (i / 9) as f64);
+    let parts = (0..27).map(|i| Part::white(i as u64, cuboid(at(i), at(i) + 1.0))).collect();
+    let grid = world(vec![(parts, vec![DAffine3::IDENTITY])], 2);
+    grid.assert_equals_brute("a grid");
+    let (clashes, _) = grid.clash(&ClashOptions::default());
+    // Each box meets all of its up to 26 neighbours.
+    let neighbours = (0..27).flat_map(|a| (a + 1..27).map(move |b| (a, b)));
+    let expected = neighbours.filter(|&(a, b)| (at(a) - at(b)).abs().max_element() <= 1.0).count();
+    assert_eq!(clashes.len(), expected);
+}
+
+#[test]
+fn a_part_in_a_part_is_contained() {
+    let shell = cuboid(DVec3::splat(-2.0), DVec3::splat(2.0));
+    let inside = cuboid(DVec3::splat(-0.5), DVec3::splat(0.5));
+    let beside = cuboid(DVec3::new(3.0, -0.5, -0.5), DVec3::new(4.0, 0.5, 0.5));
+    let parts = vec![Part::white(1, shell), Part::white(2, inside), Part::white(3, beside)];
+    let one = world(vec![(parts, vec![DAffine3::IDENTITY])], 0);
+    let (clashes, summary) = one.clash(&ClashOptions::default());
+    assert_eq!((clashes.len(), summary.pairs), (1, 1));
+    assert_eq!((clashes[0].kind, clashes[0].parts), (ClashKind::Contained, [1, 2]));
+    // The other way round, the first part is that of the first set.
+    let mut set = PartSet::default();
+    set.add_part(None, 2);
+    let options = ClashOptions { a: set, b: Some(PartSet::all()), ..ClashOptions::default() };
+    assert_eq!(one.clash(&options).0[0].parts, [2, 1]);
+}
+
+#[test]
+fn clearances_are_those_of_all_pairs() {
+    let mut rng = Rng::new(43);
+    let parts: Vec<Part> = (1..=8).map(|id| Part::white(id, soup(&mut rng, 20, 0.05, 0.5))).collect();
+    let one = world(vec![(parts, vec![DAffine3::IDENTITY])], 2);
+    for clearance in [0.0, 0.01, 0.05] {
+        let (clashes, _) = one.clash(&ClashOptions { clearance, ..ClashOptions::default() });
+        let parts = &one.all[0].2;
+        for (i, a) in parts.iter().enumerate() {
+            for b in &parts[i + 1..] {
+                let all = a.tris.iter().flat_map(|x| b.tris.iter().map(move |y| (x, y)));
+                let least = all
+                    .map(|(x, y)| outcrop::geom::distances::triangle_triangle(x, y).squared.sqrt())
+                    .fold(f64::INFINITY, f64::min);
+                let found = clashes.iter().find(|c| c.parts == [a.id, b.id]);
+                match found {
+                    Some(c) if least == 0.0 => assert!(c.kind != ClashKind::Clearance),
+                    Some(c) => {
+                        assert_eq!(c.kind, ClashKind::Clearance);
+                        assert!((c.distance - least).abs() <= c.error + 1e-12, "{} {least}", c.distance);
+                        assert!((c.points[0].distance(c.points[1]) - least).abs() < 1e-9);
+                    }
+                    None => assert!(least > clearance, "{least} of {:?} is missed", [a.id, b.id]),
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn rules_skip_pairs() {
+    let at = |x: f64| cuboid(DVec3::new(x, 0.0, 0.0), DVec3::new(x + 1.5, 1.0, 1.0));
+    let parts = || vec![Part::white(1, at(0.0)), Part::white(2, at(1.0)), Part::white(3, at(2.0))];
+    let up = DAffine3::from_translation(DVec3::new(0.0, 0.5, 0.5));
+    let both = world(vec![(parts(), vec![DAffine3::IDENTITY, up])], 0);
+    let pairs = |rules: ClashRules| both.clash(&ClashOptions { rules, ..ClashOptions::default() }).1.pairs;
+    let all = pairs(ClashRules::default());
+    assert_eq!(all, 2 + 2 + 7);
+    assert_eq!(pairs(ClashRules { same_instance: true, ..ClashRules::default() }), 7);
+    assert_eq!(pairs(ClashRules { same_model: true, ..ClashRules::default() }), 0);
+    assert_eq!(pairs(ClashRules { same_material: true, ..ClashRules::default() }), 0);
+    assert_eq!(pairs(ClashRules { same_parent: true, ..ClashRules::default() }), 7);
+    assert_eq!(pairs(ClashRules { pairs: vec![[2, 1]], ..ClashRules::default() }), all - 2 - 2);
+}
+
+#[test]
+fn bad_sets_and_clearances_are_refused() {
+    let one = world(vec![(vec![Part::white(1, cuboid(DVec3::ZERO, DVec3::ONE))], vec![DAffine3::IDENTITY])], 0);
+    let state = one.scene.state();
+    let fails = |options: ClashOptions, what: &str| {
+        let error = state.clash(&options, &Cancel::new(), &mut |_| ()).expect_err("it is refused").to_string();
+        assert!(error.contains(what), "{error}");
+    };
+    for clearance in [-1.0, f64::NAN, f64::INFINITY] {
+        fails(ClashOptions { clearance, ..ClashOptions::default() }, "clearance");
+    }
+    fails(ClashOptions { a: PartSet::default(), ..ClashOptions::default() }, "empty");
+    let mut set = PartSet::default();
+    set.add_part(Some(100), 77);
+    fails(ClashOptions { b: Some(set), ..ClashOptions::default() }, "part 77");
+    let mut set = PartSet::default();
+    set.add_instance(5);
+    fails(ClashOptions { a: set, ..ClashOptions::default() }, "instance 5");
+    let cancel = Cancel::new();
+    cancel.cancel();
+    assert!(matches!(
+        state.clash(&ClashOptions::default(), &cancel, &mut |_| ()),
+        Err(outcrop::base::error::Error::Cancelled)
+    ));
+}
