@@ -7,7 +7,7 @@ use common::built::{self, Part};
 use common::rng::Rng;
 use common::scenes::{self, rounded};
 use glam::{DAffine3, DMat3, DQuat, DVec3};
-use outcrop::base::progress::Cancel;
+use outcrop::base::progress::{Cancel, Progress};
 use outcrop::geom::pairs::{Relation, relate};
 use outcrop::query::clash::{Clash, ClashDetail, ClashKind, ClashOptions, ClashRules, ClashSummary, PartSet};
 use outcrop::scene::{Context, Model, Scene};
@@ -51,8 +51,11 @@ fn world(models: Vec<(Vec<Part>, Vec<DAffine3>)>, threads: usize) -> World {
 impl World {
     fn clash(&self, options: &ClashOptions) -> (Vec<Clash>, ClashSummary) {
         let mut out = Vec::new();
-        let summary =
-            self.scene.state().clash(options, &Cancel::new(), &mut |clash| out.push(*clash)).expect("an answer");
+        let summary = self
+            .scene
+            .state()
+            .clash(options, &Progress::default(), &Cancel::new(), &mut |clash| out.push(*clash))
+            .expect("an answer");
         assert_eq!(summary.clashes as usize, out.len());
         (out, summary)
     }
@@ -215,7 +218,10 @@ fn bad_sets_and_clearances_are_refused() {
     let one = world(vec![(vec![Part::white(1, cuboid(DVec3::ZERO, DVec3::ONE))], vec![DAffine3::IDENTITY])], 0);
     let state = one.scene.state();
     let fails = |options: ClashOptions, what: &str| {
-        let error = state.clash(&options, &Cancel::new(), &mut |_| ()).expect_err("it is refused").to_string();
+        let error = state
+            .clash(&options, &Progress::default(), &Cancel::new(), &mut |_| ())
+            .expect_err("it is refused")
+            .to_string();
         assert!(error.contains(what), "{error}");
     };
     for clearance in [-1.0, f64::NAN, f64::INFINITY] {
@@ -231,7 +237,7 @@ fn bad_sets_and_clearances_are_refused() {
     let cancel = Cancel::new();
     cancel.cancel();
     assert!(matches!(
-        state.clash(&ClashOptions::default(), &cancel, &mut |_| ()),
+        state.clash(&ClashOptions::default(), &Progress::default(), &cancel, &mut |_| ()),
         Err(outcrop::base::error::Error::Cancelled)
     ));
 }

@@ -175,6 +175,16 @@ impl ContextObject {
         cancel: Cancel,
         todo: impl FnOnce(&Task) -> Result<Product> + Send + 'static,
     ) -> Result<*mut oc_job> {
+        Ok(give_job(self.begin_task(progress, cancel, todo)?))
+    }
+
+    /// [`Self::begin`], without a handle.
+    pub(crate) fn begin_task(
+        &self,
+        progress: Arc<Progress>,
+        cancel: Cancel,
+        todo: impl FnOnce(&Task) -> Result<Product> + Send + 'static,
+    ) -> Result<Arc<Task>> {
         let waiters_work = match (&self.host, self.context.threads()) {
             (Some(_), _) => WaitersWork::Untimed,
             (None, 0) => WaitersWork::Always,
@@ -198,7 +208,7 @@ impl ContextObject {
                 .spawn(move || task.run())
                 .map_err(|e| Error::io("background thread", "start", e))?;
         }
-        Ok(give_job(task))
+        Ok(task)
     }
 
     /// Does one piece of work in this thread. Returns false if there is none.

@@ -1,6 +1,7 @@
 //! Jobs: builds, loads, batches of rays and prefetches behind one handle.
 
 use super::background::Product;
+use super::clash::ClashQueue;
 use super::guard::{Checked, Fill, Sized32, bad, boundary, keep_error, out, status_of};
 use super::handles::{self, handle};
 use super::model::{ModelObject, oc_model};
@@ -98,7 +99,7 @@ pub struct oc_job {
 handle!(oc_job, JobObject, 2);
 
 pub(crate) struct JobObject {
-    work: Arc<dyn LongWork>,
+    pub(crate) work: Arc<dyn LongWork>,
 }
 
 impl Drop for JobObject {
@@ -212,8 +213,12 @@ pub(crate) trait LongWork: Send + Sync {
     fn cancel(&self);
     /// Replaces the wake function. Calls the new one at once if the work has ended.
     fn set_wake(&self, wake: Option<Wake>);
-    /// Returns the result of a build or load.
+    /// Returns the result of a build, load or search for clashes.
     fn product(&self) -> Option<Arc<Product>> {
+        None
+    }
+    /// Returns the clashes that a search has found and the caller has not taken.
+    fn clashes(&self) -> Option<&ClashQueue> {
         None
     }
 }

@@ -9,6 +9,7 @@ use super::status::oc_status;
 use super::view::transform;
 use crate::scene::{Background, Light, LightKind, Scene};
 use glam::DVec3;
+use std::sync::Arc;
 
 /// A scene: instances of models, lights, and the looks of parts.
 ///
@@ -21,6 +22,8 @@ handle!(oc_scene, SceneObject, 4);
 
 pub(crate) struct SceneObject {
     pub(crate) scene: Scene,
+    /// The context in which it was created.
+    pub(crate) context: Arc<Shell<ContextObject>>,
 }
 
 /// Kind of a light.
@@ -84,9 +87,10 @@ pub unsafe extern "C" fn oc_scene_create(context: *const oc_context, out_scene: 
     // SAFETY: the function's own contract.
     boundary(|| unsafe {
         let out = out(out_scene, "out_scene")?;
+        let shared = handles::share(context)?;
         handles::with(context, |context: &Shell<ContextObject>| {
             let scene = Scene::new(&context.context);
-            out.write(handles::give::<oc_scene>(SceneObject { scene }));
+            out.write(handles::give::<oc_scene>(SceneObject { scene, context: shared }));
             Ok(())
         })
     })

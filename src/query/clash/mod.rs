@@ -11,7 +11,7 @@ mod sets;
 mod task;
 
 use crate::base::error::{Error, Result};
-use crate::base::progress::Cancel;
+use crate::base::progress::{Cancel, Progress};
 use crate::geom::pairs::Relation;
 use crate::math::DBounds;
 use crate::query::hit::NONE;
@@ -76,6 +76,20 @@ impl Default for ClashOptions {
     }
 }
 
+impl ClashOptions {
+    /// Fails with `BadArgument` if a set is empty, or the clearance is negative or not finite.
+    pub fn check(&self) -> Result<()> {
+        if !(self.clearance >= 0.0 && self.clearance.is_finite()) {
+            let given = self.clearance;
+            return Err(Error::BadArgument(format!("the clearance is {given}; it must be finite and not negative")));
+        }
+        if self.a.is_empty() || self.b.as_ref().is_some_and(PartSet::is_empty) {
+            return Err(Error::bad_argument("a set of parts is empty"));
+        }
+        Ok(())
+    }
+}
+
 /// A clash of two parts, or of a triangle of each.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Clash {
@@ -104,6 +118,21 @@ pub struct Clash {
     pub is_open: [bool; 2],
 }
 
+impl Clash {
+    /// A number that depends on the ids of instances, parts and triangles alone, so that clashes of two queries can be
+    /// compared.
+    pub fn id(&self) -> u64 {
+        let words = self.instances.into_iter().chain(self.parts).chain(self.prims);
+        words.fold(0x9e37_79b9_7f4a_7c15, |id, word| {
+            // The finaliser of SplitMix64 (Steele, Lea, Flood 2014).
+            let mixed = (id ^ word).wrapping_add(0x9e37_79b9_7f4a_7c15);
+            let mixed = (mixed ^ mixed >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+            let mixed = (mixed ^ mixed >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
+            mixed ^ mixed >> 31
+        })
+    }
+}
+
 /// The end of a clash query.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct ClashSummary {
@@ -124,15 +153,15 @@ impl SceneState {
     ///
     /// Blocks; may read the disk. Thread-safe. Fails with `BadArgument` for an empty set, for ids that the scene lacks,
     /// and for a clearance that is negative or not finite; with `Cancelled`, and with the error of a disk read.
-    pub fn clash(&self, options: &ClashOptions, cancel: &Cancel, take: &mut dyn FnMut(&Clash)) -> Result<ClashSummary> {
-        if !(options.clearance >= 0.0 && options.clearance.is_finite()) {
-            let given = options.clearance;
-            return Err(Error::BadArgument(format!("the clearance is {given}; it must be finite and not negative")));
-        }
-        if options.a.is_empty() || options.b.as_ref().is_some_and(PartSet::is_empty) {
-            return Err(Error::bad_argument("a set of parts is empty"));
-        }
-        let task = Task::new(self, options, cancel)?;
+    pub fn clash(
+        &self,
+        options: &ClashOptions,
+        progress: &Progress,
+        cancel: &Cancel,
+        take: &mut dyn FnMut(&Clash),
+    ) -> Result<ClashSummary> {
+        options.check()?;
+        let task = Task::new(self, options, progress, cancel)?;
         let mut found = quest::search(&task, &task.tree_pairs())?;
         cancel.check()?;
         found.keep(options.limit, true);

@@ -11,10 +11,13 @@ use crate::scene::SceneState;
 use crate::scene::walk::{Need, SceneView, Snapshots};
 use crate::structure::pairs::{PairDescent, PairSide, PairWalk};
 use std::collections::BTreeSet;
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::{Mutex, PoisonError};
 
 /// Number of walks that work is divided into, if blocks are in memory: enough for all threads.
 const WALKS: usize = 512;
+/// Share of the walks in the progress of a query.
+const WALKS_SHARE: f64 = 0.9;
 
 /// Walks through pairs of placed trees. Each is two indices of placed trees, the first not above the second.
 pub(super) fn search(task: &Task, pairs: &[[u32; 2]]) -> Result<Found> {
@@ -40,7 +43,7 @@ pub(super) fn search(task: &Task, pairs: &[[u32; 2]]) -> Result<Found> {
     }
     let count = items.len();
     let items = items.into_iter().map(|piece| Mutex::new(Some(piece))).collect();
-    let rounds = Rounds::new(Walks { task, items, stamp, found: Mutex::default() });
+    let rounds = Rounds::new(Walks { task, items, stamp, found: Mutex::default(), done: AtomicU64::new(0) });
     scene.context().pool().run_scoped(count, &rounds).into_result()?;
     Ok(rounds.quest.found.into_inner().unwrap_or_else(PoisonError::into_inner))
 }
@@ -55,6 +58,8 @@ struct Walks<'a> {
     items: Vec<Mutex<Option<Piece>>>,
     stamp: u32,
     found: Mutex<Found>,
+    /// Number of items that are finished.
+    done: AtomicU64,
 }
 
 /// The rest of a walk through a pair of placed trees.
@@ -102,6 +107,8 @@ impl Walks<'_> {
         if piece.descent.is_done() {
             let found = std::mem::take(&mut piece.found);
             self.found.lock().unwrap_or_else(PoisonError::into_inner).merge(found, task.options.limit);
+            let done = self.done.fetch_add(1, Relaxed) + 1;
+            task.progress.advance(done as f64 / self.items.len() as f64 * WALKS_SHARE);
             return None;
         }
         Some(piece)

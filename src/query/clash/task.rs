@@ -3,7 +3,7 @@
 use super::sets::{Members, Rules};
 use super::{ClashOptions, PartSet};
 use crate::base::error::Result;
-use crate::base::progress::Cancel;
+use crate::base::progress::{Cancel, Progress};
 use crate::math::DBounds;
 use crate::scene::SceneState;
 use crate::scene::placed::Placed;
@@ -19,14 +19,20 @@ pub(super) struct Task<'a> {
     b: Option<Members>,
     rules: Rules<'a>,
     cancel: &'a Cancel,
+    pub progress: &'a Progress,
 }
 
 impl<'a> Task<'a> {
-    pub fn new(scene: &'a SceneState, options: &'a ClashOptions, cancel: &'a Cancel) -> Result<Self> {
+    pub fn new(
+        scene: &'a SceneState,
+        options: &'a ClashOptions,
+        progress: &'a Progress,
+        cancel: &'a Cancel,
+    ) -> Result<Self> {
         let a = Members::of(scene, &options.a, "the first set")?;
         let of_b = |set: &PartSet| Members::of(scene, set, "the second set");
         let b = options.b.as_ref().map(of_b).transpose()?;
-        Ok(Self { scene, options, a, b, rules: Rules::new(scene, &options.rules), cancel })
+        Ok(Self { scene, options, a, b, rules: Rules::new(scene, &options.rules), cancel, progress })
     }
 
     /// True if the query was cancelled.
