@@ -69,37 +69,65 @@ pub fn error(points: impl IntoIterator<Item = DVec3>) -> f64 {
 #[inline(always)]
 fn on_segment(p: DVec3, a: DVec3, b: DVec3) -> (f64, DVec3) {
     let (u, q) = (b - a, p - a);
-    let (along, square) = (q.dot(u), u.dot(u));
-    if along >= square {
-        // Also segments of no length.
-        (1.0, p - b)
-    } else if along > 0.0 {
-        let place = along / square;
-        (place, q - u * place)
-    } else {
-        (0.0, q)
+    // Without branches; not a number for segments of no length.
+    let place = q.dot(u) / u.dot(u);
+    let place = if place > 0.0 { place } else { 0.0 };
+    let place = if place < 1.0 { place } else { 1.0 };
+    (place, q - u * place)
+}
+
+/// The plane of two columns, prepared for points nearest to others.
+struct Columns {
+    u: DVec3,
+    /// The part of the second column beside the first, and how often it holds the first.
+    v_rest: DVec3,
+    v_along: f64,
+    /// One over squared lengths.
+    u_scale: f64,
+    rest_scale: f64,
+}
+
+impl Columns {
+    /// `u_scale`: one over the squared length of `u`.
+    #[inline(always)]
+    fn new(u: DVec3, u_scale: f64, v: DVec3) -> Self {
+        let v_along = v.dot(u) * u_scale;
+        let v_rest = v - u * v_along;
+        Self { u, v_rest, v_along, u_scale, rest_scale: 1.0 / v_rest.dot(v_rest) }
+    }
+
+    /// The coefficients with which the columns add up to the point nearest to `q`, and the way from that point to `q`.
+    /// They are not numbers if the columns are parallel.
+    #[inline(always)]
+    fn nearest(&self, q: DVec3) -> ([f64; 2], DVec3) {
+        let q_along = q.dot(self.u) * self.u_scale;
+        let q_rest = q - self.u * q_along;
+        let second = q_rest.dot(self.v_rest) * self.rest_scale;
+        ([q_along - second * self.v_along, second], q_rest - self.v_rest * second)
     }
 }
 
-/// The coefficients with which `u` and `v` add up to the point nearest to `q` in their plane, and the way from that
-/// point to `q`. They are not numbers if `u` and `v` are parallel.
-#[inline(always)]
-fn in_plane(q: DVec3, u: DVec3, v: DVec3) -> ([f64; 2], DVec3) {
-    let square = u.dot(u);
-    let (v_along, q_along) = (v.dot(u) / square, q.dot(u) / square);
-    let (v_rest, q_rest) = (v - u * v_along, q - u * q_along);
-    let second = q_rest.dot(v_rest) / v_rest.dot(v_rest);
-    ([q_along - second * v_along, second], q_rest - v_rest * second)
+/// The inside of a triangle, prepared for points nearest to others.
+struct Face {
+    corner: DVec3,
+    sides: [DVec3; 2],
+    columns: Columns,
 }
 
-/// The point inside a triangle nearest to `p`, and the way from it to `p`; `None` if the nearest point of the plane is
-/// outside.
-#[inline(always)]
-fn on_face(p: DVec3, [a, b, c]: &[DVec3; 3]) -> Option<(DVec3, DVec3)> {
-    let (u, v) = (*b - *a, *c - *a);
-    let ([first, second], way) = in_plane(p - *a, u, v);
-    let is_inside = first >= 0.0 && second >= 0.0 && first + second <= 1.0;
-    is_inside.then(|| (*a + u * first + v * second, way))
+impl Face {
+    #[inline(always)]
+    fn new([a, b, c]: &[DVec3; 3]) -> Self {
+        let (u, v) = (*b - *a, *c - *a);
+        Self { corner: *a, sides: [u, v], columns: Columns::new(u, 1.0 / u.dot(u), v) }
+    }
+
+    /// The point nearest to `p`, and the way from it to `p`; `None` if the nearest point of the plane is outside.
+    #[inline(always)]
+    fn nearest(&self, p: DVec3) -> Option<(DVec3, DVec3)> {
+        let ([first, second], way) = self.columns.nearest(p - self.corner);
+        let is_inside = first >= 0.0 && second >= 0.0 && first + second <= 1.0;
+        is_inside.then(|| (self.corner + self.sides[0] * first + self.sides[1] * second, way))
+    }
 }
 
 /// The point of a triangle that is nearest to a point. The triangle may be a segment or a point. The result does not
@@ -108,7 +136,7 @@ fn on_face(p: DVec3, [a, b, c]: &[DVec3; 3]) -> Option<(DVec3, DVec3)> {
 pub fn point_triangle(p: DVec3, triangle: &[DVec3; 3]) -> Nearest {
     let t = sorted(triangle);
     let error = error([p, t[0], t[1], t[2]]);
-    if let Some((point, way)) = on_face(p, &t) {
+    if let Some((point, way)) = Face::new(&t).nearest(p) {
         return Nearest { point, squared: way.dot(way), error };
     }
     let mut best = Nearest { point: t[0], squared: f64::INFINITY, error };
@@ -135,7 +163,7 @@ pub fn segment_segment(a: [DVec3; 2], b: [DVec3; 2]) -> Between {
     let (first, second) = in_order(&x, &y);
     let is_kept = first == x;
     let mut best = Best::new();
-    best.inside([first[0], first[2]], [second[0], second[2]]);
+    best.inside([first[0], first[2]], &[[second[0], second[2]]]);
     best.ends(&[first[0], first[2]], &[[second[0], second[2]]], false);
     best.ends(&[second[0], second[2]], &[[first[0], first[2]]], true);
     best.between(error(first.into_iter().chain(second)), is_kept)
@@ -160,16 +188,10 @@ pub fn apart_triangles(a: &[DVec3; 3], b: &[DVec3; 3]) -> Between {
     let (of_first, of_second) = (edges(&first), edges(&second));
     best.ends(&first, &of_second, false);
     best.ends(&second, &of_first, true);
-    for p in first {
-        best.face(p, &second, false);
-    }
-    for p in second {
-        best.face(p, &first, true);
-    }
+    best.face(&first, &Face::new(&second), false);
+    best.face(&second, &Face::new(&first), true);
     for edge in of_first {
-        for other in of_second {
-            best.inside(edge, other);
-        }
+        best.inside(edge, &of_second);
     }
     // Rounding may find no distance where there is some.
     best.squared = best.squared.max(f64::MIN_POSITIVE);
@@ -208,21 +230,27 @@ impl Best {
         }
     }
 
-    /// A corner of a set and the inside of the other.
+    /// Corners of a set and the inside of the other.
     #[inline(always)]
-    fn face(&mut self, p: DVec3, t: &[DVec3; 3], is_second: bool) {
-        if let Some((point, way)) = on_face(p, t) {
-            self.offer(way, is_second, || [p, point]);
+    fn face(&mut self, corners: &[DVec3; 3], face: &Face, is_second: bool) {
+        for p in corners {
+            if let Some((point, way)) = face.nearest(*p) {
+                self.offer(way, is_second, || [*p, point]);
+            }
         }
     }
 
-    /// The insides of two edges.
+    /// The insides of an edge and of edges of the other set.
     #[inline(always)]
-    fn inside(&mut self, [a, b]: [DVec3; 2], [c, d]: [DVec3; 2]) {
-        let (u, v) = (b - a, d - c);
-        let ([along, back], way) = in_plane(c - a, u, v);
-        if (0.0..=1.0).contains(&along) && (-1.0..=0.0).contains(&back) {
-            self.offer(way, false, || [a + u * along, c - v * back]);
+    fn inside(&mut self, [a, b]: [DVec3; 2], others: &[[DVec3; 2]]) {
+        let u = b - a;
+        let u_scale = 1.0 / u.dot(u);
+        for [c, d] in others {
+            let v = *d - *c;
+            let ([along, back], way) = Columns::new(u, u_scale, v).nearest(*c - a);
+            if (0.0..=1.0).contains(&along) && (-1.0..=0.0).contains(&back) {
+                self.offer(way, false, || [a + u * along, *c - v * back]);
+            }
         }
     }
 
