@@ -9,8 +9,9 @@ use common::scenes::{self, rounded};
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 use outcrop::base::progress::{Cancel, Progress};
 use outcrop::geom::pairs::{Relation, relate};
+use outcrop::import::generate::{GenerateOptions, generate};
 use outcrop::query::clash::{Clash, ClashDetail, ClashKind, ClashOptions, ClashRules, ClashSummary, PartSet};
-use outcrop::scene::{Context, Model, Scene};
+use outcrop::scene::{Context, ContextOptions, Model, Scene};
 use std::collections::BTreeMap;
 
 /// A box between two corners, 12 triangles that face outward.
@@ -240,4 +241,42 @@ fn bad_sets_and_clearances_are_refused() {
         state.clash(&ClashOptions::default(), &Progress::default(), &cancel, &mut |_| ()),
         Err(outcrop::base::error::Error::Cancelled)
     ));
+}
+
+/// A generated model with parts in and next to each other, larger than the budget: the same clashes, with blocks read
+/// on demand, by any number of threads.
+#[test]
+fn budgets_and_threads_do_not_matter() {
+    let file = built::build_with(built::options(), |builder| {
+        let options = GenerateOptions { triangles: 100_000, seed: 3 };
+        generate("airliner", &options, &Cancel::new(), builder).expect("an airliner");
+    })
+    .0;
+    let ask = |threads: usize, memory_budget: u64, detail: ClashDetail| {
+        let options = ContextOptions { threads, memory_budget, read_ahead: false, ..ContextOptions::default() };
+        let context = Context::new(options).expect("a context");
+        let model = Model::open_cold(&context, &file.path).expect("it opens");
+        let scene = Scene::new(&context);
+        scene.add_instance(&model, 1, DAffine3::IDENTITY).expect("an instance");
+        scene.commit().expect("a commit");
+        let options = ClashOptions { detail, limit: 20_000, ..ClashOptions::default() };
+        let mut all = Vec::new();
+        let summary = scene
+            .state()
+            .clash(&options, &Progress::default(), &Cancel::new(), &mut |clash| all.push(*clash))
+            .expect("an answer");
+        assert!(memory_budget == 0 || model.memory().resident <= memory_budget);
+        (all, summary, model.memory().geometry)
+    };
+    for detail in [ClashDetail::Parts, ClashDetail::Triangles] {
+        let (expected, summary, bytes) = ask(2, 0, detail);
+        assert!(expected.len() > 100, "{}", expected.len());
+        println!("{} clashes of {} pairs of parts, {bytes} bytes of geometry", expected.len(), summary.pairs);
+        for (threads, budget) in [(0, bytes), (2, bytes * 3 / 4), (0, bytes * 11 / 20), (4, bytes * 11 / 20)] {
+            let (found, of_found, _) = ask(threads, budget, detail);
+            assert_eq!(of_found, summary, "{threads} threads, {budget} bytes");
+            let differs = found.iter().zip(&expected).find(|(a, b)| a != b);
+            assert!(differs.is_none() && found.len() == expected.len(), "{threads}, {budget}: {differs:?}");
+        }
+    }
 }

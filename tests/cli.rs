@@ -217,6 +217,73 @@ fn two_files_make_one_model_and_cameras_are_free() {
     fails(dir, &["render", "m.oc", "-o", "m.png", "--up", "0,1,0"], 2, "--eye");
 }
 
+/// A pipe through a wall, a box that touches the wall, a box near it, and a box in a box; as text, JSON and CSV.
+#[test]
+fn clashes_are_listed_and_compared_with_earlier_ones() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let write = |pipe: f64| {
+        let boxes = [
+            ("wall", [0.0, 0.0, 0.0, 1.0, 10.0, 10.0]),
+            ("pipe", [-2.0, pipe, 4.0, 3.0, pipe + 1.0, 5.0]),
+            ("shelf", [1.0, 1.0, 1.0, 2.0, 2.0, 2.0]),
+            ("lamp", [1.25, 8.0, 8.0, 2.0, 9.0, 9.0]),
+            ("core", [0.25, 0.5, 0.5, 0.75, 0.75, 0.75]),
+        ];
+        let mut obj = String::new();
+        for (i, (name, b)) in boxes.iter().enumerate() {
+            obj += &format!("o {name}\n");
+            for k in 0..8 {
+                obj += &format!("v {} {} {}\n", b[3 * (k & 1)], b[1 + 3 * (k >> 1 & 1)], b[2 + 3 * (k >> 2)]);
+            }
+            for face in [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]] {
+                let f = face.map(|v: usize| 8 * i + v + 1);
+                obj += &format!("f {} {} {} {}\n", f[0], f[1], f[2], f[3]);
+            }
+        }
+        std::fs::write(dir.join("m.obj"), obj).unwrap();
+        json(dir, &["build", "m.obj", "-o", "m.oc"])
+    };
+    write(4.0);
+    let list = |args: &[&'static str]| {
+        let all = json(dir, &[&["clash", "m.oc"][..], args].concat());
+        let clashes = all["clashes"].as_array().unwrap().clone();
+        let name = |c: &serde_json::Value, side: &str| c[side]["name"].as_str().unwrap().to_string();
+        let each =
+            |c: &serde_json::Value| (c["kind"].as_str().unwrap().to_string(), name(c, "first"), name(c, "second"));
+        (clashes.iter().map(each).collect::<Vec<_>>(), all)
+    };
+    let of = |all: &[(&str, &str)]| -> Vec<_> {
+        all.iter().map(|(kind, other)| (kind.to_string(), "wall".to_string(), other.to_string())).collect()
+    };
+    let hard = [("crossing", "pipe"), ("crossing", "shelf"), ("contained", "core")];
+    assert_eq!(list(&[]).0, of(&hard));
+    let near = [hard[0], hard[1], ("clearance", "lamp"), hard[2]];
+    let (found, all) = list(&["--clearance", "0.25", "--csv", "m.csv"]);
+    assert_eq!(found, of(&near));
+    assert_eq!((&all["clashes"][2]["distance"], &all["pairs"]), (&serde_json::json!(0.25), &serde_json::json!(4)));
+    let table = std::fs::read_to_string(dir.join("m.csv")).unwrap();
+    assert!(table.lines().count() == 5 && table.contains(",clearance,") && table.contains("\"lamp\""), "{table}");
+    // The pipe has gone elsewhere.
+    std::fs::write(dir.join("old.json"), all.to_string()).unwrap();
+    write(20.0);
+    let (found, all) = list(&["--clearance", "0.25", "--against", "old.json"]);
+    assert_eq!(found, of(&near[1..]));
+    assert!(all["clashes"].as_array().unwrap().iter().all(|c| c["status"] == "remaining") && all["gone"] == 1);
+    let part = |c: &serde_json::Value| [c["first"]["part"].clone(), c["second"]["part"].clone()];
+    let pairs: Vec<_> = all["clashes"].as_array().unwrap().iter().map(part).collect();
+    std::fs::write(dir.join("rules.json"), serde_json::json!([pairs[0], pairs[2]]).to_string()).unwrap();
+    assert_eq!(list(&["--clearance", "0.25", "--rules", "rules.json"]).0, of(&near[2..3]));
+    let text = String::from_utf8(outcrop(dir, &["clash", "m.oc", "m.oc"]).stdout).unwrap();
+    assert!(text.ends_with(" of parts\n") && text.contains("crossing\t"), "{text}");
+    let (triangles, _) = list(&["--triangles"]);
+    assert!(triangles.iter().filter(|(kind, ..)| kind != "contained").count() > 2, "{triangles:?}");
+    fails(dir, &["clash", "m.oc", "--clearance", "-1"], 2, "0 or more");
+    fails(dir, &["clash", "no.oc"], 1, "no.oc");
+    fails(dir, &["clash", "m.oc", "--rules", "old.json"], 2, "pairs of part ids");
+    fails(dir, &["clash", "m.oc", "--against", "rules.json"], 2, "outcrop clash --json");
+}
+
 /// A closed tetrahedron with an open triangle behind it.
 #[test]
 fn crossings_are_listed_with_the_parts_around_the_start() {

@@ -34,7 +34,8 @@ pub struct Seen {
 pub enum Shares {
     /// Only the first sample counts.
     One,
-    /// The samples are those of three sides of a box, across x, y and z. [`shares`](super::shares) computes their shares.
+    /// The samples are those of three sides of a box, across x, y and z. [`shares`](super::shares) computes their
+    /// shares.
     OfSides,
     /// The shares, which add up to 1.
     Given([f32; 3]),

@@ -8,9 +8,11 @@ use super::place::{Place, Rooted};
 use super::tree::Tree;
 use super::{Below, TriHit};
 use crate::base::ids::BlockId;
+use crate::geom::{Lot, One, Sifted, sift};
 use crate::math::{Bounds, DBounds};
 use crate::simd::{Lanes, Mask, Op, Simd, dispatch};
 use glam::{DAffine3, DMat3, DVec3, Vec3};
+use std::cell::OnceCell;
 
 /// Number of boxes that are tested at a time.
 const LANES: usize = 8;
@@ -153,6 +155,16 @@ pub struct PairLeaf {
     pub triangles: Vec<[DVec3; 3]>,
     boxes: Boxes,
     all: [f32; 6],
+    /// The triangles, eight at a time, for the filter.
+    lots: OnceCell<Vec<Lot>>,
+}
+
+impl PairLeaf {
+    /// The lot of the triangles from index `at` on, which is a multiple of eight.
+    fn lot(&self, at: usize) -> &Lot {
+        let lots = self.lots.get_or_init(|| self.triangles.chunks(LANES).map(Lot::new).collect());
+        &lots[at / LANES]
+    }
 }
 
 /// An opened place: its children, or its triangles.
@@ -198,6 +210,7 @@ impl Opened {
         leaf.hits.clear();
         leaf.parts.clear();
         leaf.triangles.clear();
+        leaf.lots.take();
         let mut child = |place, bounds: &Bounds, is_leaf| {
             children.push((place, is_leaf));
             boxes.push(&frame.around(bounds), grown);
@@ -263,8 +276,37 @@ pub struct PairDescent {
     is_self: bool,
 }
 
-/// Takes pairs of triangles, see [`PairDescent::go_on`].
-pub type PairVisit<'a> = dyn FnMut(&PairLeaf, usize, &PairLeaf, usize, u32) -> bool + 'a;
+/// A triangle of a leaf, and up to eight triangles of another leaf whose boxes are near it.
+#[derive(Clone, Copy)]
+pub struct Near<'a> {
+    /// The leaf of the first tree, and the index of the triangle.
+    pub a: (&'a PairLeaf, usize),
+    /// The leaf of the second tree, and the index that bit 0 of masks means: bit `i` is triangle `index + i`.
+    pub b: (&'a PairLeaf, usize),
+    /// The triangles.
+    pub mask: u32,
+}
+
+/// Chooses and takes pairs of triangles, see [`PairDescent::go_on`].
+pub trait PairVisit {
+    /// Returns the triangles of the mask that are compared with the first one.
+    fn wanted(&mut self, near: &Near) -> u32;
+    /// Takes the triangles of the mask, and the relations that rounded arithmetic could decide. Returns false to end
+    /// the walk.
+    fn take(&mut self, near: &Near, sifted: Sifted) -> bool;
+}
+
+/// Wants nothing.
+struct Nothing;
+
+impl PairVisit for Nothing {
+    fn wanted(&mut self, _: &Near) -> u32 {
+        0
+    }
+    fn take(&mut self, _: &Near, _: Sifted) -> bool {
+        true
+    }
+}
 
 impl PairDescent {
     /// A walk through both trees; with `is_self` they are one tree in one place.
@@ -302,9 +344,7 @@ impl PairDescent {
             is_wider = false;
             for entry in std::mem::take(&mut self.left) {
                 let before = self.left.len();
-                if entry.is_leaf != [true; 2]
-                    && walk.step(sides, &entry, self.is_self, &mut |_, _, _, _, _| true).is_ok()
-                {
+                if entry.is_leaf != [true; 2] && walk.step(sides, &entry, self.is_self, &mut Nothing).is_ok() {
                     self.left.append(&mut walk.below);
                     is_wider |= self.left.len() > before;
                 } else {
@@ -314,11 +354,10 @@ impl PairDescent {
         }
     }
 
-    /// Visits pairs of triangles as far as blocks are in memory. `visit` receives a leaf of each tree, the index of a
-    /// triangle in the first, an index in the second and a mask: bit `i` is triangle `index + i`. It returns false to
-    /// end the walk. A pair of triangles that spatial splits put into several leaves is visited several times. In a
-    /// walk through one tree, a triangle in several leaves is also paired with itself.
-    pub fn go_on(&mut self, sides: [&PairSide; 2], walk: &mut PairWalk, visit: &mut PairVisit) {
+    /// Visits pairs of triangles whose boxes are near each other, as far as blocks are in memory. A pair of triangles
+    /// that spatial splits put into several leaves is visited several times. In a walk through one tree, a triangle in
+    /// several leaves is also paired with itself.
+    pub fn go_on(&mut self, sides: [&PairSide; 2], walk: &mut PairWalk, visit: &mut dyn PairVisit) {
         walk.stack.clear();
         walk.stack.extend(self.left.drain(..).rev());
         while let Some(entry) = walk.stack.pop() {
@@ -340,7 +379,7 @@ impl PairWalk {
         [a, b]: [&PairSide; 2],
         entry: &Entry,
         is_self: bool,
-        visit: &mut PairVisit,
+        visit: &mut dyn PairVisit,
     ) -> Result<bool, BlockId> {
         let (at_a, at_b) = (self.a.open(a, entry.a)?, self.b.open(b, entry.b)?);
         let Self { below, counters, .. } = self;
@@ -353,17 +392,17 @@ impl PairWalk {
 }
 
 /// Compares all that is in two opened places.
-struct Meet<'a, 'v> {
+struct Meet<'a> {
     opened: [&'a Opened; 2],
     entry: &'a Entry,
     /// True if both are one place of one tree.
     is_same: bool,
     below: &'a mut Vec<Entry>,
     counters: &'a mut PairCounters,
-    visit: &'a mut PairVisit<'v>,
+    visit: &'a mut dyn PairVisit,
 }
 
-impl Op for Meet<'_, '_> {
+impl Op for Meet<'_> {
     type Out = bool;
 
     #[inline(always)]
@@ -375,9 +414,17 @@ impl Op for Meet<'_, '_> {
                     let (one, from) = (a.leaf.boxes.get(i), if is_same { i + 1 } else { 0 });
                     for (row, at) in b.leaf.boxes.rows.iter().zip((0..).step_by(LANES)) {
                         let met = overlaps(s, row, &one) & beyond(at, from);
+                        if met == 0 {
+                            continue;
+                        }
                         counters.triangles += u64::from(met.count_ones());
-                        if met != 0 && !visit(&a.leaf, i, &b.leaf, at, met) {
-                            return false;
+                        let near = Near { a: (&a.leaf, i), b: (&b.leaf, at), mask: met };
+                        let mask = visit.wanted(&near);
+                        if mask != 0 {
+                            let sifted = sift(s, &One::new(&a.leaf.triangles[i]), b.leaf.lot(at));
+                            if !visit.take(&Near { mask, ..near }, sifted) {
+                                return false;
+                            }
                         }
                     }
                 }

@@ -8,6 +8,7 @@ mod accuracy;
 mod bench;
 mod build;
 mod check;
+mod clash;
 mod common;
 mod crossings;
 mod export;
@@ -37,6 +38,7 @@ enum Verb {
     Info(info::Args),
     Check(check::Args),
     Crossings(crossings::Args),
+    Clash(clash::Args),
     Render(render::Args),
     Bench(bench::Args),
     Export(export::Args),
@@ -49,6 +51,7 @@ fn run(verb: Verb) -> Outcome {
         Verb::Info(args) => info::run(&args),
         Verb::Check(args) => check::run(&args),
         Verb::Crossings(args) => crossings::run(&args),
+        Verb::Clash(args) => clash::run(&args),
         Verb::Render(args) => render::run(&args),
         Verb::Bench(args) => bench::run(&args),
         Verb::Export(args) => export::run(&args),

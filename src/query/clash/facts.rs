@@ -3,12 +3,13 @@
 use super::ClashDetail;
 use super::frame::Frames;
 use super::task::{PartKey, Task};
+use crate::geom::Sifted;
 use crate::geom::distances::apart_triangles;
 use crate::geom::pairs::{Relation, meeting, relate};
-use crate::math::DBounds;
+use crate::math::{DBounds, bits};
 use crate::scene::placed::Placed;
 use crate::structure::Place;
-use crate::structure::pairs::{PairLeaf, PairSide};
+use crate::structure::pairs::{Near, PairLeaf, PairSide, PairVisit};
 use glam::DVec3;
 use std::collections::BTreeMap;
 
@@ -118,8 +119,10 @@ impl Found {
 /// Compares triangles of two placed trees.
 pub(super) struct Meeting<'a> {
     task: &'a Task<'a>,
+    /// Indices of the placed trees.
     pair: [u32; 2],
     placed: [&'a Placed; 2],
+    sides: &'a [PairSide<'a>; 2],
     frames: &'a Frames,
     found: &'a mut Found,
     /// The last pair of parts, and whether it is compared.
@@ -130,56 +133,63 @@ impl<'a> Meeting<'a> {
     pub fn new(
         task: &'a Task<'a>,
         pair: [u32; 2],
-        placed: [&'a Placed; 2],
+        sides: &'a [PairSide<'a>; 2],
         frames: &'a Frames,
         found: &'a mut Found,
     ) -> Self {
-        Self { task, pair, placed, frames, found, last: None }
+        let placed = pair.map(|at| &task.scene.placement.placed[at as usize]);
+        Self { task, pair, placed, sides, frames, found, last: None }
     }
 
-    /// Compares a triangle of a leaf with those of another leaf in a mask, see `PairDescent::go_on`.
-    pub fn compare(
-        &mut self,
-        sides: &[PairSide; 2],
-        (a, i): (&PairLeaf, usize),
-        (b, from, mut mask): (&PairLeaf, usize, u32),
-    ) {
-        let both = self.placed;
-        let key = |side: usize, part: u32| {
-            let placed = both[side];
-            [placed.instance, placed.first_part.saturating_add(part)]
-        };
-        let x = key(0, a.parts[i]);
-        while mask != 0 {
-            let j = from + mask.trailing_zeros() as usize;
-            mask &= mask - 1;
-            let y = key(1, b.parts[j]);
-            let is_turned = y < x;
-            let parts = if is_turned { [y, x] } else { [x, y] };
+    /// The parts of two triangles, and true if that of the second comes first.
+    #[inline]
+    fn parts(&self, (a, i): (&PairLeaf, usize), (b, j): (&PairLeaf, usize)) -> (PairKey, bool) {
+        let key = |placed: &Placed, part: u32| [placed.instance, placed.first_part.saturating_add(part)];
+        let [x, y] = [key(self.placed[0], a.parts[i]), key(self.placed[1], b.parts[j])];
+        if y < x { ([y, x], true) } else { ([x, y], false) }
+    }
+}
+
+/// The triangles of a mask: their bits, and their indices from `at` on.
+fn each(at: usize, mask: u32) -> impl Iterator<Item = (u32, usize)> {
+    bits(mask).map(move |lane| (1 << lane, at + lane))
+}
+
+impl PairVisit for Meeting<'_> {
+    fn wanted(&mut self, near: &Near) -> u32 {
+        let mut wanted = 0;
+        for (bit, j) in each(near.b.1, near.mask) {
+            let (parts, _) = self.parts(near.a, (near.b.0, j));
             let is_wanted = match self.last {
                 Some((last, is_wanted)) if last == parts => is_wanted,
-                _ => {
-                    let is_wanted = self.task.wants(x, y);
-                    self.last = Some((parts, is_wanted));
-                    is_wanted
-                }
+                _ => self.task.wants(parts[0], parts[1]),
             };
-            if is_wanted {
-                self.compare_two(sides, parts, is_turned, (a, i), (b, j));
-            }
+            self.last = Some((parts, is_wanted));
+            wanted |= if is_wanted { bit } else { 0 };
         }
+        wanted
     }
 
-    fn compare_two(
-        &mut self,
-        sides: &[PairSide; 2],
-        parts: PairKey,
-        is_turned: bool,
-        (a, i): (&PairLeaf, usize),
-        (b, j): (&PairLeaf, usize),
-    ) {
+    fn take(&mut self, near: &Near, sifted: Sifted) -> bool {
+        let apart = if self.task.options.clearance > 0.0 { 0 } else { sifted.apart };
+        for (bit, j) in each(near.b.1, near.mask & !apart) {
+            let known = match (sifted.apart & bit != 0, sifted.crossing & bit != 0) {
+                (true, _) => Some(Relation::Apart),
+                (_, true) => Some(Relation::Crossing),
+                _ => None,
+            };
+            self.compare(near.a, (near.b.0, j), known);
+        }
+        !self.task.is_over()
+    }
+}
+
+impl Meeting<'_> {
+    /// Compares two triangles, whose relation may be known.
+    fn compare(&mut self, (a, i): (&PairLeaf, usize), (b, j): (&PairLeaf, usize), known: Option<Relation>) {
+        let (parts, is_turned) = self.parts((a, i), (b, j));
         let (first, second) = (&a.triangles[i], &b.triangles[j]);
-        let relation = relate(first, second);
+        let relation = known.unwrap_or_else(|| relate(first, second));
         let in_world = |points: [DVec3; 2]| points.map(|p| p + self.frames.origin);
         let at = match relation {
             Relation::Apart => {
@@ -204,7 +214,7 @@ impl<'a> Meeting<'a> {
         facts.meet(relation, points);
         points.iter().for_each(|&p| facts.bounds = facts.bounds.union(DBounds { min: p, max: p }));
         if self.task.options.detail == ClashDetail::Triangles {
-            let places = [sides[0].tree.prim_place(&a.hits[i]), sides[1].tree.prim_place(&b.hits[j])];
+            let places = [self.sides[0].tree.prim_place(&a.hits[i]), self.sides[1].tree.prim_place(&b.hits[j])];
             if let [Some(x), Some(y)] = places {
                 let [x, y] = [(self.pair[0], x), (self.pair[1], y)];
                 let at = if is_turned { [y, x] } else { [x, y] };

@@ -1,6 +1,7 @@
 //! Clashes: pairs of parts whose surfaces cross, touch, or are nearer to each other than a clearance, and parts inside
-//! of others. Decided by the triangles, in exact arithmetic on their corners, which are placed once in double precision
-//! in a frame near the pair. So answers do not depend on threads, on the order of both sets, or on the blocks in memory.
+//! of others. Decided by the triangles, in exact arithmetic on their corners, which are placed once in double
+//! precision in a frame near the pair. So answers do not depend on threads, on the order of both sets, or on the
+//! blocks in memory.
 
 mod contained;
 mod facts;

@@ -98,11 +98,8 @@ impl Walks<'_> {
         let context = task.scene.context();
         let mut walk = context.take_scratch::<PairWalk>();
         walk.clear();
-        let mut meeting = Meeting::new(task, piece.pair, placed, &frames, &mut piece.found);
-        piece.descent.go_on([&sides[0], &sides[1]], &mut walk, &mut |a, i, b, at, mask| {
-            meeting.compare(&sides, (a, i), (b, at, mask));
-            !task.is_over()
-        });
+        let mut meeting = Meeting::new(task, piece.pair, &sides, &frames, &mut piece.found);
+        piece.descent.go_on([&sides[0], &sides[1]], &mut walk, &mut meeting);
         context.give_scratch(walk);
         if piece.descent.is_done() {
             let found = std::mem::take(&mut piece.found);

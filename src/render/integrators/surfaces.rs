@@ -368,9 +368,9 @@ impl Direct<'_> {
     ///
     /// Those of a stand-in are on the camera's ray, above its cell and above adjacent cells if the surface continues
     /// evenly. (Áfra 2012, section 6.2, begins them a cell's diagonal towards the light, which may be behind a nearer
-    /// wall.) Those of a stand-in for leaves begin just inside its cell instead: no surface continues evenly, and the rest
-    /// of the content, as the cells below show it, and what is beside it shade it. (A forest in the sun was up to half
-    /// too bright. Of all stand-ins that transmit rays, blocks would be a fifth too dark.)
+    /// wall.) Those of a stand-in for leaves begin just inside its cell instead: no surface continues evenly, and it
+    /// is shaded by the rest of the content, as the cells below show it, and by its neighbours. (A forest in the sun
+    /// was up to half too bright. If all stand-ins that transmit rays began so, blocks would be a fifth too dark.)
     ///
     /// Adjacent stand-ins of the same surface protrude from a triangle. (Áfra 2012, section 6.2, begins rays behind
     /// them, in the open. Here the near range is tested against triangles, so that rays skip no wall. Under pressure it

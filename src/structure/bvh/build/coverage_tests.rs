@@ -280,7 +280,8 @@ fn loose(triangles: &[[Vec3; 3]]) -> f64 {
     words.iter().filter(|word| crate::lod::is_loose(**word)).count() as f64 / words.len() as f64
 }
 
-/// Cards are free at their edges, in dense heaps too. Faces of cubes and balls are not, and a grid is at its border only.
+/// Cards are free at their edges, in dense heaps too. Faces of cubes and balls are not, and a grid is so at its border
+/// only.
 #[test]
 fn cards_are_loose_and_closed_surfaces_are_not() {
     let heap: Vec<_> = cards(12).iter().map(|t| t.map(|v| v * Vec3::new(0.2, 0.2, 0.05))).collect();
