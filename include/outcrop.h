@@ -144,6 +144,9 @@ typedef struct oc_model oc_model;
 /** The triangles of a part of a model, read some at a time. */
 typedef struct oc_part_reader oc_part_reader;
 
+/** A set of parts of a scene, by ids. It may be used with any scene. */
+typedef struct oc_part_set oc_part_set;
+
 /**
  * A scene: instances of models, lights, and the looks of parts.
  *
@@ -1035,6 +1038,100 @@ typedef struct oc_overlap {
     uint32_t reserved;
 } oc_overlap;
 
+/** Results of a search for clashes. */
+typedef uint32_t oc_clash_detail;
+
+/** Flags: pairs of parts that are not compared. */
+typedef uint32_t oc_clash_skip_flags;
+
+/** A search for clashes. All zeros: all parts against each other, without a clearance. */
+typedef struct oc_clash_desc {
+    /** Size of this struct in bytes; OC_INIT sets it. */
+    uint32_t struct_size;
+    /** One of the OC_CLASH_DETAIL_ constants. */
+    oc_clash_detail detail;
+    /** Parts of which a clash has one. NULL: all parts. */
+    const struct oc_part_set *first;
+    /** Parts of which a clash has the other. NULL: those of `first`. */
+    const struct oc_part_set *second;
+    /** Distance in world units up to which parts that are apart clash; 0 or more. */
+    double clearance;
+    /** Greatest number of pairs of triangles with OC_CLASH_DETAIL_TRIANGLES. 0: 1048576. */
+    uint64_t limit;
+    /**
+     * Pairs of part ids that are not compared, in any instances and either order: 2 * `skip_count` ids. May be NULL if
+     * `skip_count` is 0.
+     */
+    const uint64_t *skip_pairs;
+    /** Number of pairs in `skip_pairs`. */
+    uint64_t skip_count;
+    /** OC_CLASH_SKIP_ flags, combined with `|`. */
+    oc_clash_skip_flags skip;
+    /** Must be 0. */
+    uint32_t reserved;
+} oc_clash_desc;
+
+/** The way in which two parts clash. */
+typedef uint32_t oc_clash_kind;
+
+/** Flags: parts of a clash that are not closed. */
+typedef uint32_t oc_clash_open_flags;
+
+/**
+ * A clash of two parts, or of a triangle of each. Element of an array. The first part is in the first set of the
+ * search and the second in the second set. If each part is in both, the part of the instance that was added first
+ * comes first, or the one that is first in the model.
+ */
+typedef struct oc_clash {
+    /** Depends on the ids of instances, parts and triangles alone: the same clash of two searches has the same id. */
+    uint64_t id;
+    /** Ids of the instances. */
+    uint64_t instance[2];
+    /** Ids of the parts. */
+    uint64_t part[2];
+    /** Indices of the triangles in the inputs of the builds, from 0. OC_NO_ID: a clash of parts. */
+    uint64_t prim[2];
+    /**
+     * World space. Crossing, touching: an end of the common segment of two triangles. Clearance: the point of the first
+     * part that is nearest to the second. Contained: a corner of the part inside.
+     */
+    double first_point[3];
+    /**
+     * World space. Crossing, touching: the other end of the segment. Clearance: the point of the second part that is
+     * nearest to the first. Contained: the same corner.
+     */
+    double second_point[3];
+    /** Least corner of the box around all common points of the parts (around both points if there are none). */
+    double low[3];
+    /** Greatest corner of that box. */
+    double high[3];
+    /** Distance of the parts in world units. 0: they have common points. */
+    double distance;
+    /** Bound of the error of `distance`. */
+    double error;
+    /**
+     * Number of pairs of triangles that meet. Some are counted several times in a clash of parts of a model that was
+     * built with spatial splits.
+     */
+    uint64_t count;
+    /** One of the OC_CLASH_ constants. */
+    oc_clash_kind kind;
+    /** OC_CLASH_OPEN_ flags, combined with `|`. */
+    oc_clash_open_flags open;
+} oc_clash;
+
+/** The end of a search for clashes. */
+typedef struct oc_clash_summary {
+    /** Size of this struct in bytes; OC_INIT sets it. */
+    uint32_t struct_size;
+    /** 1: pairs of triangles were left out, because there are more than the limit. Otherwise 0. */
+    uint32_t is_cut;
+    /** Number of clashes, taken or not. */
+    uint64_t clashes;
+    /** Number of pairs of parts that clash. */
+    uint64_t pairs;
+} oc_clash_summary;
+
 /**
  * Direction of a view, relative to an up axis. Front is the side towards -Y if Z is up, +Z if Y is up, +Y if X is up.
  * Left and right are as seen from the front.
@@ -1597,6 +1694,42 @@ typedef struct oc_pixels {
 
 /** All of the part is inside the volume. */
 #define OC_OVERLAP_INSIDE 2
+
+/** One clash for each pair of parts. The default. */
+#define OC_CLASH_DETAIL_PARTS 0
+
+/** One clash for each pair of triangles that meet, and one for each pair of parts without such. */
+#define OC_CLASH_DETAIL_TRIANGLES 1
+
+/** Pairs in instances of one model. */
+#define OC_CLASH_SKIP_SAME_MODEL 1
+
+/** Pairs in one instance. */
+#define OC_CLASH_SKIP_SAME_INSTANCE 2
+
+/** Pairs in one instance whose parts have the same parent part. */
+#define OC_CLASH_SKIP_SAME_PARENT 4
+
+/** Pairs of one model whose parts have equal materials. */
+#define OC_CLASH_SKIP_SAME_MATERIAL 8
+
+/** Their surfaces cross, or overlap in a plane. */
+#define OC_CLASH_CROSSING 1
+
+/** Their surfaces touch, and do not cross. */
+#define OC_CLASH_TOUCHING 2
+
+/** One part is inside of the other, which is closed. Their surfaces have no point in common. */
+#define OC_CLASH_CONTAINED 3
+
+/** They are apart, and their distance is at most the clearance. */
+#define OC_CLASH_CLEARANCE 4
+
+/** The first part is not closed: nothing is known of its inside. */
+#define OC_CLASH_OPEN_FIRST 1
+
+/** The second part is not closed. */
+#define OC_CLASH_OPEN_SECOND 2
 
 /** From the front, the right and above, all three at the same angle. */
 #define OC_VIEW_ISO_FRONT_RIGHT 0
@@ -2841,6 +2974,98 @@ oc_status oc_scene_overlap_frustum(const struct oc_scene *scene,
                                    struct oc_overlap *out_parts,
                                    uint64_t capacity,
                                    uint64_t *out_count);
+
+/**
+ * Creates an empty set of parts.
+ *
+ * - `out_set`: receives the set.
+ *
+ * Ownership: the caller receives one reference.
+ * Thread safety: any thread. Cheap.
+ */
+OC_API oc_status oc_part_set_create(struct oc_part_set **out_set);
+
+/**
+ * Adds all parts of an instance.
+ *
+ * - `instance`: id of the instance. OC_NO_ID: all instances.
+ *
+ * Thread safety: any thread. Cheap.
+ */
+OC_API oc_status oc_part_set_add_instance(struct oc_part_set *set, uint64_t instance);
+
+/**
+ * Adds a part and all parts below it.
+ *
+ * - `instance`: id of the instance. OC_NO_ID: all instances of models that have the part.
+ * - `part`: id of the part.
+ *
+ * Thread safety: any thread. Cheap.
+ */
+OC_API oc_status oc_part_set_add_part(struct oc_part_set *set, uint64_t instance, uint64_t part);
+
+/** Adds one reference. NULL: does nothing. Thread safety: any thread. Cheap. */
+OC_API void oc_part_set_retain(struct oc_part_set *set);
+
+/** Releases one reference. NULL: does nothing. Thread safety: any thread. Cheap. */
+OC_API void oc_part_set_release(struct oc_part_set *set);
+
+/**
+ * Begins to search, in the background, for pairs of visible parts of the committed scene that cross, touch, hold one
+ * another, or are nearer to each other than a clearance.
+ *
+ * Parts of one instance are compared too, and each instance of a shared mesh counts. Triangles decide, in exact
+ * arithmetic on their corners: these are placed once, in double precision, in a frame near the pair. The result does
+ * not depend on the number of threads, on the order of the sets or on the blocks in memory. Parts that have a corner,
+ * an edge or an area in common touch or cross: the clearance does not remove them.
+ *
+ * - `desc`: the search. It is copied, the sets too. Initialise it with OC_INIT. NULL: all zeros.
+ * - `out_job`: receives the job. oc_job_take_clashes returns what it finds, oc_job_clash_summary the numbers.
+ *
+ * Errors:
+ * - OC_STATUS_INVALID_ARGUMENT: the clearance is negative or not finite, a set is empty, or `detail` or a flag is
+ *   unknown.
+ * - The job fails with OC_STATUS_INVALID_ARGUMENT if a set names an instance or part that the scene lacks, and with
+ *   the error of a disk read.
+ *
+ * Ownership: the caller receives one reference to the job.
+ * Thread safety: any thread. Cheap.
+ */
+OC_API
+oc_status oc_scene_clash_start(const struct oc_scene *scene,
+                               const struct oc_clash_desc *desc,
+                               struct oc_job **out_job);
+
+/**
+ * Takes clashes that a job has found, in order. Each is returned once.
+ *
+ * - `out_clashes`: receives at most `capacity` clashes. May be NULL if `capacity` is 0.
+ * - `out_count`: receives the number of clashes written; if `capacity` is 0, the number of those that wait.
+ *
+ * A job that runs may find more. After the end of the job, a count below `capacity` says that there are no more.
+ *
+ * Errors: OC_STATUS_INVALID_ARGUMENT: the job is of another kind.
+ * Thread safety: any thread. Cheap.
+ */
+OC_API
+oc_status oc_job_take_clashes(const struct oc_job *job,
+                              struct oc_clash *out_clashes,
+                              uint64_t capacity,
+                              uint64_t *out_count);
+
+/**
+ * Returns the numbers of a search for clashes that is done.
+ *
+ * - `out_summary`: receives the numbers. Initialise it with OC_INIT.
+ *
+ * Errors: OC_STATUS_INVALID_STATE: the job is not done, or failed. OC_STATUS_INVALID_STATE or
+ * OC_STATUS_INVALID_ARGUMENT: the job is of another kind.
+ *
+ * Thread safety: any thread. Cheap.
+ */
+OC_API
+oc_status oc_job_clash_summary(const struct oc_job *job,
+                               struct oc_clash_summary *out_summary);
 
 /**
  * Returns the camera that shows the visible parts of the scene, or chosen ones, as large as the picture allows: their

@@ -91,6 +91,7 @@ using scene_handle = handle<oc_scene, oc_scene_retain, oc_scene_release>;
 using frame_handle = handle<oc_frame, oc_frame_retain, oc_frame_release>;
 using mapping_handle = handle<oc_mapping, oc_mapping_retain, oc_mapping_release>;
 using part_reader_handle = handle<oc_part_reader, oc_part_reader_retain, oc_part_reader_release>;
+using part_set_handle = handle<oc_part_set, oc_part_set_retain, oc_part_set_release>;
 
 #ifdef OUTCROP_NO_EXCEPTIONS
 
@@ -150,6 +151,21 @@ class part_reader : public part_reader_handle {
         check(oc_part_reader_next(get(), found.data(), most, &count));
         found.resize(static_cast<std::size_t>(count));
         return found;
+    }
+};
+
+/// A set of parts of a scene, by ids.
+class part_set : public part_set_handle {
+  public:
+    part_set() { check(oc_part_set_create(put())); }
+    using part_set_handle::handle;
+    part_set &add_instance(std::uint64_t instance) {
+        check(oc_part_set_add_instance(get(), instance));
+        return *this;
+    }
+    part_set &add_part(std::uint64_t part, std::uint64_t instance = OC_NO_ID) {
+        check(oc_part_set_add_part(get(), instance, part));
+        return *this;
     }
 };
 
@@ -231,6 +247,21 @@ class job : public job_handle {
         const char *text = nullptr;
         check(oc_job_build_note(get(), index, &text));
         return text;
+    }
+    /// Takes the clashes that a search has found so far.
+    std::vector<oc_clash> clashes() const {
+        std::uint64_t count = 0;
+        check(oc_job_take_clashes(get(), nullptr, 0, &count));
+        std::vector<oc_clash> found(static_cast<std::size_t>(count));
+        if (count > 0) check(oc_job_take_clashes(get(), found.data(), count, &count));
+        found.resize(static_cast<std::size_t>(count));
+        return found;
+    }
+    /// The numbers of a search for clashes that is done.
+    oc_clash_summary clash_summary() const {
+        auto s = init<oc_clash_summary>();
+        check(oc_job_clash_summary(get(), &s));
+        return s;
     }
     class model model() const {
         class model m;
@@ -422,6 +453,12 @@ class scene : public scene_handle {
         check(oc_scene_overlap_frustum(get(), planes.data(), planes.size(), found.data(), count, &count));
         found.resize(static_cast<std::size_t>(count));
         return found;
+    }
+    /** Searches for clashes: wait for the job, and take them with `clashes`. */
+    job clash(const oc_clash_desc &desc) const {
+        job j;
+        check(oc_scene_clash_start(get(), &desc, j.put()));
+        return j;
     }
     oc_camera fit(const oc_fit &desc, const std::vector<oc_part_ref> &parts = {}) const {
         auto camera = init<oc_camera>();

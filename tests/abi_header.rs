@@ -23,6 +23,7 @@ const SOURCES: &[&str] = &[
     "crossings.rs",
     "inside.rs",
     "overlap.rs",
+    "clash.rs",
     "fit.rs",
     "frame.rs",
     "pixels.rs",

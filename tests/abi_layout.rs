@@ -1,6 +1,7 @@
 //! Sizes and offsets of every struct, told by Rust and asserted by C.
 
 use outcrop::capi::build::oc_build_desc;
+use outcrop::capi::clash::{oc_clash, oc_clash_desc, oc_clash_summary};
 use outcrop::capi::contents::{oc_material, oc_part};
 use outcrop::capi::context::{oc_context_desc, oc_executor};
 use outcrop::capi::crossings::oc_crossing;
@@ -89,6 +90,13 @@ fn layouts() -> Vec<Layout> {
         oc_part_at { instance, part, winding, holds }
         oc_overlap { instance, part, kind, reserved }
         oc_plane { normal, d }
+        oc_clash_desc {
+            struct_size, detail, first, second, clearance, limit, skip_pairs, skip_count, skip, reserved,
+        }
+        oc_clash {
+            id, instance, part, prim, first_point, second_point, low, high, distance, error, count, kind, open,
+        }
+        oc_clash_summary { struct_size, is_cut, clashes, pairs }
         oc_fit {
             struct_size, kind, width, height, view, up_axis, direction, up, fov_y, margin, flags, reserved,
         }

@@ -107,20 +107,20 @@ pub unsafe extern "C" fn oc_part_set_release(set: *mut oc_part_set) {
 /// Results of a search for clashes.
 pub type oc_clash_detail = u32;
 /// One clash for each pair of parts. The default.
-pub const OC_CLASH_PARTS: oc_clash_detail = 0;
+pub const OC_CLASH_DETAIL_PARTS: oc_clash_detail = 0;
 /// One clash for each pair of triangles that meet, and one for each pair of parts without such.
-pub const OC_CLASH_TRIANGLES: oc_clash_detail = 1;
+pub const OC_CLASH_DETAIL_TRIANGLES: oc_clash_detail = 1;
 
 /// Flags: pairs of parts that are not compared.
-pub type oc_clash_skip = u32;
+pub type oc_clash_skip_flags = u32;
 /// Pairs in instances of one model.
-pub const OC_CLASH_SKIP_SAME_MODEL: oc_clash_skip = 1;
+pub const OC_CLASH_SKIP_SAME_MODEL: oc_clash_skip_flags = 1;
 /// Pairs in one instance.
-pub const OC_CLASH_SKIP_SAME_INSTANCE: oc_clash_skip = 2;
+pub const OC_CLASH_SKIP_SAME_INSTANCE: oc_clash_skip_flags = 2;
 /// Pairs in one instance whose parts have the same parent part.
-pub const OC_CLASH_SKIP_SAME_PARENT: oc_clash_skip = 4;
+pub const OC_CLASH_SKIP_SAME_PARENT: oc_clash_skip_flags = 4;
 /// Pairs of one model whose parts have equal materials.
-pub const OC_CLASH_SKIP_SAME_MATERIAL: oc_clash_skip = 8;
+pub const OC_CLASH_SKIP_SAME_MATERIAL: oc_clash_skip_flags = 8;
 
 /// The way in which two parts clash.
 pub type oc_clash_kind = u32;
@@ -133,12 +133,12 @@ pub const OC_CLASH_CONTAINED: oc_clash_kind = 3;
 /// They are apart, and their distance is at most the clearance.
 pub const OC_CLASH_CLEARANCE: oc_clash_kind = 4;
 
-/// Flags of a clash.
-pub type oc_clash_flags = u32;
+/// Flags: parts of a clash that are not closed.
+pub type oc_clash_open_flags = u32;
 /// The first part is not closed: nothing is known of its inside.
-pub const OC_CLASH_FIRST_OPEN: oc_clash_flags = 1;
+pub const OC_CLASH_OPEN_FIRST: oc_clash_open_flags = 1;
 /// The second part is not closed.
-pub const OC_CLASH_SECOND_OPEN: oc_clash_flags = 2;
+pub const OC_CLASH_OPEN_SECOND: oc_clash_open_flags = 2;
 
 /// A search for clashes. All zeros: all parts against each other, without a clearance.
 #[repr(C)]
@@ -146,7 +146,7 @@ pub const OC_CLASH_SECOND_OPEN: oc_clash_flags = 2;
 pub struct oc_clash_desc {
     /// Size of this struct in bytes; OC_INIT sets it.
     pub struct_size: u32,
-    /// One of the OC_CLASH_PARTS and OC_CLASH_TRIANGLES constants.
+    /// One of the OC_CLASH_DETAIL_ constants.
     pub detail: oc_clash_detail,
     /// Parts of which a clash has one. NULL: all parts.
     pub first: *const oc_part_set,
@@ -154,7 +154,7 @@ pub struct oc_clash_desc {
     pub second: *const oc_part_set,
     /// Distance in world units up to which parts that are apart clash; 0 or more.
     pub clearance: f64,
-    /// Greatest number of pairs of triangles with OC_CLASH_TRIANGLES. 0: 1048576.
+    /// Greatest number of pairs of triangles with OC_CLASH_DETAIL_TRIANGLES. 0: 1048576.
     pub limit: u64,
     /// Pairs of part ids that are not compared, in any instances and either order: 2 * `skip_count` ids. May be NULL if
     /// `skip_count` is 0.
@@ -162,7 +162,7 @@ pub struct oc_clash_desc {
     /// Number of pairs in `skip_pairs`.
     pub skip_count: u64,
     /// OC_CLASH_SKIP_ flags, combined with `|`.
-    pub skip: oc_clash_skip,
+    pub skip: oc_clash_skip_flags,
     /// Must be 0.
     pub reserved: u32,
 }
@@ -186,10 +186,13 @@ pub struct oc_clash {
     pub part: [u64; 2],
     /// Indices of the triangles in the inputs of the builds, from 0. OC_NO_ID: a clash of parts.
     pub prim: [u64; 2],
-    /// World space. Crossing, touching: ends of the common segment of two triangles. Clearance: nearest points of both
-    /// parts. Contained: a corner of the part inside, twice.
-    pub point: [[f64; 3]; 2],
-    /// Least corner of the box around all common points of the parts (around `point` if there are none).
+    /// World space. Crossing, touching: an end of the common segment of two triangles. Clearance: the point of the first
+    /// part that is nearest to the second. Contained: a corner of the part inside.
+    pub first_point: [f64; 3],
+    /// World space. Crossing, touching: the other end of the segment. Clearance: the point of the second part that is
+    /// nearest to the first. Contained: the same corner.
+    pub second_point: [f64; 3],
+    /// Least corner of the box around all common points of the parts (around both points if there are none).
     pub low: [f64; 3],
     /// Greatest corner of that box.
     pub high: [f64; 3],
@@ -200,10 +203,10 @@ pub struct oc_clash {
     /// Number of pairs of triangles that meet. Some are counted several times in a clash of parts of a model that was
     /// built with spatial splits.
     pub count: u64,
-    /// One of the OC_CLASH_ kinds.
+    /// One of the OC_CLASH_ constants.
     pub kind: oc_clash_kind,
-    /// OC_CLASH_FIRST_OPEN, OC_CLASH_SECOND_OPEN, combined with `|`.
-    pub flags: oc_clash_flags,
+    /// OC_CLASH_OPEN_ flags, combined with `|`.
+    pub open: oc_clash_open_flags,
 }
 
 /// The end of a search for clashes.
@@ -234,14 +237,15 @@ impl From<&Clash> for oc_clash {
             instance: clash.instances,
             part: clash.parts,
             prim: clash.prims,
-            point: clash.points.map(|p| p.to_array()),
+            first_point: clash.points[0].to_array(),
+            second_point: clash.points[1].to_array(),
             low: clash.bounds.min.to_array(),
             high: clash.bounds.max.to_array(),
             distance: clash.distance,
             error: clash.error,
             count: clash.count,
             kind: clash.kind as u32,
-            flags: flag(first, OC_CLASH_FIRST_OPEN) | flag(second, OC_CLASH_SECOND_OPEN),
+            open: flag(first, OC_CLASH_OPEN_FIRST) | flag(second, OC_CLASH_OPEN_SECOND),
         }
     }
 }
@@ -302,8 +306,8 @@ impl oc_clash_desc {
     unsafe fn to_rust(self) -> Checked<ClashOptions> {
         reserved(self.reserved, "oc_clash_desc.reserved")?;
         let detail = match self.detail {
-            OC_CLASH_PARTS => ClashDetail::Parts,
-            OC_CLASH_TRIANGLES => ClashDetail::Triangles,
+            OC_CLASH_DETAIL_PARTS => ClashDetail::Parts,
+            OC_CLASH_DETAIL_TRIANGLES => ClashDetail::Triangles,
             other => return bad(format!("oc_clash_desc.detail {other} is unknown")),
         };
         let known = OC_CLASH_SKIP_SAME_MODEL
@@ -349,8 +353,8 @@ impl oc_clash_desc {
 /// Errors:
 /// - OC_STATUS_INVALID_ARGUMENT: the clearance is negative or not finite, a set is empty, or `detail` or a flag is
 ///   unknown.
-/// - The job fails with OC_STATUS_INVALID_ARGUMENT if a set names an instance or part that the scene lacks, and with the
-///   error of a disk read.
+/// - The job fails with OC_STATUS_INVALID_ARGUMENT if a set names an instance or part that the scene lacks, and with
+///   the error of a disk read.
 ///
 /// Ownership: the caller receives one reference to the job.
 /// Thread safety: any thread. Cheap.

@@ -1016,6 +1016,101 @@ static void overlaps(oc_scene *s0) {
     free(found);
 }
 
+/* One part, of which nothing clashes with anything: a search without results, and all ways to ask wrongly. */
+static void clashes(oc_scene *s0) {
+    oc_part_set *set = NULL, *empty = NULL;
+    INVALID(oc_part_set_create(NULL));
+    OK(oc_part_set_create(&set));
+    OK(oc_part_set_create(&empty));
+    INVALID(oc_part_set_add_instance(NULL, 1));
+    INVALID(oc_part_set_add_part(NULL, 1, 7));
+    INVALID(oc_part_set_add_part((oc_part_set *)s0, 1, 7));
+    OK(oc_part_set_add_part(set, OC_NO_ID, 7));
+    OK(oc_part_set_add_instance(set, 1));
+    oc_part_set_retain(set);
+    oc_part_set_release(set);
+    oc_part_set_retain(NULL);
+    oc_part_set_release(NULL);
+    oc_job *job = NULL;
+    oc_clash_desc desc;
+    OC_INIT(&desc);
+    INVALID(oc_scene_clash_start(NULL, &desc, &job));
+    INVALID(oc_scene_clash_start(s0, &desc, NULL));
+    INVALID(oc_scene_clash_start((oc_scene *)set, &desc, &job));
+    const double bad[] = {-1, NAN, INFINITY};
+    for (int i = 0; i < 3; i++) {
+        desc.clearance = bad[i];
+        INVALID(oc_scene_clash_start(s0, &desc, &job));
+    }
+    desc.clearance = 0;
+    desc.detail = 9;
+    INVALID(oc_scene_clash_start(s0, &desc, &job));
+    desc.detail = OC_CLASH_DETAIL_TRIANGLES;
+    desc.skip = 1u << 30;
+    INVALID(oc_scene_clash_start(s0, &desc, &job));
+    desc.skip = OC_CLASH_SKIP_SAME_PARENT;
+    desc.reserved = 1;
+    INVALID(oc_scene_clash_start(s0, &desc, &job));
+    desc.reserved = 0;
+    desc.skip_count = 1;
+    INVALID(oc_scene_clash_start(s0, &desc, &job));
+    desc.skip_count = 0;
+    desc.first = empty;
+    INVALID(oc_scene_clash_start(s0, &desc, &job));
+    desc.first = (const oc_part_set *)s0;
+    INVALID(oc_scene_clash_start(s0, &desc, &job));
+    CHECK(job == NULL);
+    desc.first = set;
+    const uint64_t pair[2] = {7, 7};
+    desc.skip_pairs = pair;
+    desc.skip_count = 1;
+    OK(oc_scene_clash_start(s0, &desc, &job));
+    oc_clash *found = (oc_clash *)malloc(2 * sizeof *found);
+    uint64_t count = 77;
+    OK(oc_job_wait(job, OC_FOREVER, NULL));
+    INVALID(oc_job_take_clashes(NULL, found, 2, &count));
+    INVALID(oc_job_take_clashes(job, NULL, 2, &count));
+    INVALID(oc_job_take_clashes(job, found, UINT64_MAX, &count));
+    INVALID(oc_job_take_clashes(job, found, 2, NULL));
+    CHECK(count == 77);
+    OK(oc_job_take_clashes(job, NULL, 0, &count));
+    CHECK(count == 0);
+    OK(oc_job_take_clashes(job, found, 2, &count));
+    CHECK(count == 0);
+    oc_clash_summary summary;
+    OC_INIT(&summary);
+    INVALID(oc_job_clash_summary(NULL, &summary));
+    INVALID(oc_job_clash_summary(job, NULL));
+    OK(oc_job_clash_summary(job, &summary));
+    CHECK(summary.clashes == 0 && summary.pairs == 0 && summary.is_cut == 0);
+    oc_job_release(job);
+    /* An instance that is not there: the job fails, and says so. */
+    OK(oc_part_set_add_instance(empty, 4711));
+    desc.first = empty;
+    OK(oc_scene_clash_start(s0, &desc, &job));
+    oc_progress progress;
+    OC_INIT(&progress);
+    OK(oc_job_wait(job, OC_FOREVER, &progress));
+    CHECK(progress.state == OC_STATE_FAILED && progress.error == OC_STATUS_INVALID_ARGUMENT);
+    CHECK(strstr(oc_last_error(), "4711") != NULL);
+    CHECK(oc_job_clash_summary(job, &summary) == OC_STATUS_INVALID_STATE);
+    oc_job_release(job);
+    /* All parts, and an end before the end. */
+    OK(oc_scene_clash_start(s0, NULL, &job));
+    OK(oc_job_cancel(job));
+    oc_job_release(job);
+    /* Another kind of job. */
+    const double low[3] = {0, 0, 0}, high[3] = {1, 1, 1};
+    OK(oc_scene_prefetch_box(s0, low, high, 0, &job));
+    INVALID(oc_job_take_clashes(job, found, 2, &count));
+    OK(oc_job_wait(job, OC_FOREVER, NULL));
+    CHECK(oc_job_clash_summary(job, &summary) != OC_STATUS_OK);
+    oc_job_release(job);
+    free(found);
+    oc_part_set_release(set);
+    oc_part_set_release(empty);
+}
+
 /* Two rays through the tetrahedron, and two bad ones. */
 static void crossings(oc_scene *s0) {
     const oc_ray given[4] = {
@@ -1437,6 +1532,7 @@ int main(int argc, char **argv) {
     queries(c, s0);
     ways_to_give_rays(s0);
     overlaps(s0);
+    clashes(s0);
     crossings(s0);
     parts_at(s0);
     thickness(s0);

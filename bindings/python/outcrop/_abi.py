@@ -310,6 +310,38 @@ class oc_overlap(c.Structure):
     ]
 
 
+class oc_clash_desc(Sized):
+    """A search for clashes. All zeros: all parts against each other, without a clearance."""
+
+    _fields_ = [
+        ("struct_size", c.c_uint32), ("detail", c.c_uint32), ("first", c.c_void_p), ("second", c.c_void_p),
+        ("clearance", c.c_double), ("limit", c.c_uint64), ("skip_pairs", c.c_void_p), ("skip_count", c.c_uint64),
+        ("skip", c.c_uint32), ("reserved", c.c_uint32),
+    ]
+
+
+class oc_clash(c.Structure):
+    """A clash of two parts, or of a triangle of each. Element of an array. The first part is in the first set of the
+    search and the second in the second set. If each part is in both, the part of the instance that was added
+    first comes first, or the one that is first in the model.
+    """
+
+    _fields_ = [
+        ("id", c.c_uint64), ("instance", c.c_uint64 * 2), ("part", c.c_uint64 * 2), ("prim", c.c_uint64 * 2),
+        ("first_point", c.c_double * 3), ("second_point", c.c_double * 3), ("low", c.c_double * 3),
+        ("high", c.c_double * 3), ("distance", c.c_double), ("error", c.c_double), ("count", c.c_uint64),
+        ("kind", c.c_uint32), ("open", c.c_uint32),
+    ]
+
+
+class oc_clash_summary(Sized):
+    """The end of a search for clashes."""
+
+    _fields_ = [
+        ("struct_size", c.c_uint32), ("is_cut", c.c_uint32), ("clashes", c.c_uint64), ("pairs", c.c_uint64),
+    ]
+
+
 class oc_fit(Sized):
     """The picture for which oc_scene_fit finds a camera. `width` and `height` must be set."""
 
@@ -380,7 +412,8 @@ STRUCTS: list[type[c.Structure]] = [
     oc_progress, oc_executor, oc_context_desc, oc_camera, oc_ray, oc_plane, oc_resolved, oc_build_desc, oc_material,
     oc_part, oc_triangles, oc_build_report, oc_io, oc_model_info, oc_part_info, oc_light, oc_background, oc_look,
     oc_query, oc_hit, oc_ray_f32, oc_rays_soa, oc_query_f32, oc_hit_f32, oc_triangle, oc_crossing, oc_part_at,
-    oc_overlap, oc_fit, oc_part_ref, oc_target, oc_frame_desc, oc_frame_settings, oc_frame_accuracy, oc_pixels,
+    oc_overlap, oc_clash_desc, oc_clash, oc_clash_summary, oc_fit, oc_part_ref, oc_target, oc_frame_desc,
+    oc_frame_settings, oc_frame_accuracy, oc_pixels,
 ]
 """All structs, in the order of the header."""
 
@@ -461,6 +494,14 @@ class Functions:
     oc_scene_thickness: Callable[..., int]
     oc_scene_overlap_box: Callable[..., int]
     oc_scene_overlap_frustum: Callable[..., int]
+    oc_part_set_create: Callable[..., int]
+    oc_part_set_add_instance: Callable[..., int]
+    oc_part_set_add_part: Callable[..., int]
+    oc_part_set_retain: Callable[..., None]
+    oc_part_set_release: Callable[..., None]
+    oc_scene_clash_start: Callable[..., int]
+    oc_job_take_clashes: Callable[..., int]
+    oc_job_clash_summary: Callable[..., int]
     oc_scene_fit: Callable[..., int]
     oc_frame_create: Callable[..., int]
     oc_frame_request: Callable[..., int]
@@ -565,6 +606,14 @@ SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "oc_scene_overlap_frustum": (c.c_uint32, [
         c.c_void_p, c.c_void_p, c.c_uint64, c.c_void_p, c.c_uint64, c.c_void_p,
     ]),
+    "oc_part_set_create": (c.c_uint32, [c.c_void_p]),
+    "oc_part_set_add_instance": (c.c_uint32, [c.c_void_p, c.c_uint64]),
+    "oc_part_set_add_part": (c.c_uint32, [c.c_void_p, c.c_uint64, c.c_uint64]),
+    "oc_part_set_retain": (None, [c.c_void_p]),
+    "oc_part_set_release": (None, [c.c_void_p]),
+    "oc_scene_clash_start": (c.c_uint32, [c.c_void_p, c.c_void_p, c.c_void_p]),
+    "oc_job_take_clashes": (c.c_uint32, [c.c_void_p, c.c_void_p, c.c_uint64, c.c_void_p]),
+    "oc_job_clash_summary": (c.c_uint32, [c.c_void_p, c.c_void_p]),
     "oc_scene_fit": (c.c_uint32, [c.c_void_p, c.c_void_p, c.c_void_p, c.c_uint64, c.c_uint64, c.c_void_p]),
     "oc_frame_create": (c.c_uint32, [c.c_void_p, c.c_void_p, c.c_void_p]),
     "oc_frame_request": (c.c_uint32, [c.c_void_p, c.c_void_p, c.c_void_p, c.c_void_p]),
@@ -600,10 +649,12 @@ FALLIBLE = frozenset([
     "oc_scene_set_parts_look", "oc_scene_isolate", "oc_scene_set_model", "oc_scene_clear_part_looks",
     "oc_scene_closest", "oc_scene_any", "oc_scene_closest_start", "oc_scene_any_start", "oc_scene_closest_f32",
     "oc_scene_any_f32", "oc_model_read_part", "oc_part_reader_next", "oc_scene_triangles", "oc_scene_crossings",
-    "oc_scene_parts_at", "oc_scene_thickness", "oc_scene_overlap_box", "oc_scene_overlap_frustum", "oc_scene_fit",
-    "oc_frame_create", "oc_frame_request", "oc_frame_poll", "oc_frame_wait", "oc_frame_cancel", "oc_frame_resize",
-    "oc_frame_set_wake", "oc_frame_get_accuracy", "oc_frame_pick", "oc_frame_pick_near", "oc_frame_map",
-    "oc_scene_prefetch_box", "oc_scene_prefetch_camera",
+    "oc_scene_parts_at", "oc_scene_thickness", "oc_scene_overlap_box", "oc_scene_overlap_frustum",
+    "oc_part_set_create", "oc_part_set_add_instance", "oc_part_set_add_part", "oc_scene_clash_start",
+    "oc_job_take_clashes", "oc_job_clash_summary", "oc_scene_fit", "oc_frame_create", "oc_frame_request",
+    "oc_frame_poll", "oc_frame_wait", "oc_frame_cancel", "oc_frame_resize", "oc_frame_set_wake",
+    "oc_frame_get_accuracy", "oc_frame_pick", "oc_frame_pick_near", "oc_frame_map", "oc_scene_prefetch_box",
+    "oc_scene_prefetch_camera",
 ])
 """Functions that return a status."""
 

@@ -406,6 +406,50 @@ class OverlapKind(enum.IntEnum):
     """All of the part is inside the volume."""
 
 
+class ClashDetail(enum.IntEnum):
+    """Results of a search for clashes."""
+
+    PARTS = 0
+    """One clash for each pair of parts. The default."""
+    TRIANGLES = 1
+    """One clash for each pair of triangles that meet, and one for each pair of parts without such."""
+
+
+class ClashSkipFlags(enum.IntFlag):
+    """Flags: pairs of parts that are not compared."""
+
+    SAME_MODEL = 1
+    """Pairs in instances of one model."""
+    SAME_INSTANCE = 2
+    """Pairs in one instance."""
+    SAME_PARENT = 4
+    """Pairs in one instance whose parts have the same parent part."""
+    SAME_MATERIAL = 8
+    """Pairs of one model whose parts have equal materials."""
+
+
+class ClashKind(enum.IntEnum):
+    """The way in which two parts clash."""
+
+    CROSSING = 1
+    """Their surfaces cross, or overlap in a plane."""
+    TOUCHING = 2
+    """Their surfaces touch, and do not cross."""
+    CONTAINED = 3
+    """One part is inside of the other, which is closed. Their surfaces have no point in common."""
+    CLEARANCE = 4
+    """They are apart, and their distance is at most the clearance."""
+
+
+class ClashOpenFlags(enum.IntFlag):
+    """Flags: parts of a clash that are not closed."""
+
+    FIRST = 1
+    """The first part is not closed: nothing is known of its inside."""
+    SECOND = 2
+    """The second part is not closed."""
+
+
 class View(enum.IntEnum):
     """Direction of a view, relative to an up axis. Front is the side towards -Y if Z is up, +Z if Y is up, +Y if X
     is up. Left and right are as seen from the front.
@@ -505,6 +549,6 @@ class Format(enum.IntEnum):
 __all__ = [
     "Status", "State", "Phase", "LogLevel", "InstructionSet", "ContextFlags", "Property", "CameraKind", "Structure",
     "Splits", "Resolution", "StandIns", "Scalar", "Index", "UpAxis", "PartFlags", "PlacementFlags", "LightKind",
-    "LookFlags", "PartsFlags", "Want", "QueryFlags", "HitKind", "Side", "Holds", "OverlapKind", "View", "Buffer",
-    "FrameFlags", "Format",
+    "LookFlags", "PartsFlags", "Want", "QueryFlags", "HitKind", "Side", "Holds", "OverlapKind", "ClashDetail",
+    "ClashSkipFlags", "ClashKind", "ClashOpenFlags", "View", "Buffer", "FrameFlags", "Format",
 ]

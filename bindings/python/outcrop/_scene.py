@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from . import _abi
 from ._arrays import OVERLAP, Array, address, ids, matrix
+from ._clashes import Clashes
 from ._enums import LookFlags, PartsFlags
 from ._handles import Reference, made
 from ._library import lib
@@ -24,7 +25,7 @@ Placed = Union[Model, "tuple[int, Model]", "tuple[int, Model, ArrayLike | None]"
 """An instance: a model, or (id, model), or (id, model, transform)."""
 
 
-class Scene(Queries):
+class Scene(Queries, Clashes):
     """Instances of models, lights and looks. Edits take effect together, at `commit()` or at the end of `edit()`.
 
     Frames and batches in flight keep the state that they began with.

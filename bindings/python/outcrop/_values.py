@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 from . import _abi
 from ._enums import (
-    CameraKind, FrameFlags, HitKind, Holds, LightKind, LookFlags, OverlapKind, PartFlags, PartsFlags, Phase, Side,
-    Splits, StandIns, State, Status, Structure, UpAxis, View,
+    CameraKind, ClashKind, ClashOpenFlags, FrameFlags, HitKind, Holds, LightKind, LookFlags, OverlapKind, PartFlags,
+    PartsFlags, Phase, Side, Splits, StandIns, State, Status, Structure, UpAxis, View,
 )
 from ._value import Value, Vector
 
@@ -539,6 +539,63 @@ class Overlap(Value):
 
 
 @dataclass
+class Clash(Value):
+    """A clash of two parts, or of a triangle of each. Element of an array. The first part is in the first set of the
+    search and the second in the second set. If each part is in both, the part of the instance that was added
+    first comes first, or the one that is first in the model.
+    """
+
+    _struct = _abi.oc_clash
+
+    id: int = 0
+    """Depends on the ids of instances, parts and triangles alone: the same clash of two searches has the same id."""
+    instance: Vector = (0, 0)
+    """Ids of the instances."""
+    part: Vector = (0, 0)
+    """Ids of the parts."""
+    prim: Vector = (0, 0)
+    """Indices of the triangles in the inputs of the builds, from 0. OC_NO_ID: a clash of parts."""
+    first_point: Vector = (0.0, 0.0, 0.0)
+    """World space. Crossing, touching: an end of the common segment of two triangles. Clearance: the point of the
+    first part that is nearest to the second. Contained: a corner of the part inside.
+    """
+    second_point: Vector = (0.0, 0.0, 0.0)
+    """World space. Crossing, touching: the other end of the segment. Clearance: the point of the second part that is
+    nearest to the first. Contained: the same corner.
+    """
+    low: Vector = (0.0, 0.0, 0.0)
+    """Least corner of the box around all common points of the parts (around both points if there are none)."""
+    high: Vector = (0.0, 0.0, 0.0)
+    """Greatest corner of that box."""
+    distance: float = 0.0
+    """Distance of the parts in world units. 0: they have common points."""
+    error: float = 0.0
+    """Bound of the error of `distance`."""
+    count: int = 0
+    """Number of pairs of triangles that meet. Some are counted several times in a clash of parts of a model that was
+    built with spatial splits.
+    """
+    kind: ClashKind = ClashKind(1)
+    """One of the ClashKind constants."""
+    open: ClashOpenFlags = ClashOpenFlags(0)
+    """ClashOpenFlags flags, combined with `|`."""
+
+
+@dataclass
+class ClashSummary(Value):
+    """The end of a search for clashes."""
+
+    _struct = _abi.oc_clash_summary
+
+    is_cut: int = 0
+    """1: pairs of triangles were left out, because there are more than the limit. Otherwise 0."""
+    clashes: int = 0
+    """Number of clashes, taken or not."""
+    pairs: int = 0
+    """Number of pairs of parts that clash."""
+
+
+@dataclass
 class Fit(Value):
     """The picture for which oc_scene_fit finds a camera. `width` and `height` must be set."""
 
@@ -656,6 +713,6 @@ class Accuracy(Value):
 
 __all__ = [
     "Progress", "Camera", "Ray", "Plane", "BuildOptions", "Material", "Part", "ModelInfo", "PartInfo", "Light",
-    "Background", "Look", "RayF32", "HitF32", "Triangle", "Crossing", "PartAt", "Overlap", "Fit", "PartRef",
-    "FrameSettings", "Accuracy",
+    "Background", "Look", "RayF32", "HitF32", "Triangle", "Crossing", "PartAt", "Overlap", "Clash", "ClashSummary",
+    "Fit", "PartRef", "FrameSettings", "Accuracy",
 ]

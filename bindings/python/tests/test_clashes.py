@@ -1,0 +1,83 @@
+"""Clashes of parts, against the known overlaps of boxes."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy
+import pytest
+
+import outcrop
+from outcrop import ClashKind, ClashSkipFlags
+
+FACES = numpy.array([(0, 2, 3), (0, 3, 1), (4, 5, 7), (4, 7, 6), (0, 1, 5), (0, 5, 4), (2, 6, 7), (2, 7, 3),
+                     (0, 4, 6), (0, 6, 2), (1, 3, 7), (1, 7, 5)], numpy.uint32)
+LOW = numpy.random.default_rng(5).integers(0, 60, (24, 3)) / 8.0
+"""Least corners of boxes with sides of 1."""
+
+
+def box(low: numpy.typing.ArrayLike, size: float = 1.0) -> numpy.typing.NDArray[numpy.float32]:
+    """Returns the corners of a box."""
+    units = [(x, y, z) for z in (0, 1) for y in (0, 1) for x in (0, 1)]
+    return (numpy.asarray(low) + size * numpy.array(units)).astype(numpy.float32)
+
+
+@pytest.fixture
+def boxes(context: outcrop.Context, tmp_path: Path) -> Iterator[outcrop.Scene]:
+    """A scene of boxes, parts 1 to 24."""
+    meshes = [outcrop.Mesh(box(low), FACES, name=f"box {i}", id=i + 1) for i, low in enumerate(LOW)]
+    context.build(tmp_path / "boxes.oc", meshes)
+    with context.open(tmp_path / "boxes.oc") as model, context.scene(model) as scene:
+        yield scene
+
+
+def gaps() -> dict[tuple[int, int], float]:
+    """Returns the distance of each pair of boxes; 0 if they meet."""
+    found = {}
+    for a, b in itertools.combinations(range(len(LOW)), 2):
+        apart = numpy.maximum(abs(LOW[a] - LOW[b]) - 1.0, 0)
+        found[a + 1, b + 1] = float(numpy.linalg.norm(apart))
+    return found
+
+
+def test_boxes_meet_and_are_near(boxes: outcrop.Scene) -> None:
+    for clearance in (0.0, 0.3):
+        found = boxes.clash(clearance=clearance)
+        expected = {pair: gap for pair, gap in gaps().items() if gap <= clearance}
+        assert len(expected) > 5
+        assert {tuple(one["part"].tolist()): None for one in found}.keys() == expected.keys()
+        for one in found:
+            gap = expected[tuple(one["part"].tolist())]
+            assert abs(one["distance"] - gap) <= one["error"] + 1e-12
+            assert (one["kind"] == ClashKind.CLEARANCE) == (gap > 0) and one["open"] == 0
+            assert set(one["prim"].tolist()) == {outcrop.NO_ID} and (one["low"] <= one["high"]).all()
+    assert len(set(boxes.clash()["id"].tolist())) == len(boxes.clash())
+
+
+def test_sets_rules_and_jobs(boxes: outcrop.Scene) -> None:
+    pairs = [pair for pair, gap in gaps().items() if gap == 0]
+    part = pairs[0][0]
+    with outcrop.PartSet() as one, outcrop.PartSet() as everything:
+        one.add_part(part)
+        everything.add_instance()
+        found = boxes.clash(one, everything)
+        assert found["part"][:, 0].tolist() == [part] * len(found)
+        assert sorted(found["part"][:, 1].tolist()) == sorted(sum(pair) - part for pair in pairs if part in pair)
+        assert len(boxes.clash(one)) == 0
+    assert len(boxes.clash(skip=ClashSkipFlags.SAME_INSTANCE)) == 0
+    assert len(boxes.clash(skip_pairs=pairs[1:])) == 1
+    with boxes.clash_start(triangles=True, limit=7) as job:
+        job.wait()
+        first = job.take(3)
+        rest = job.result()
+        summary = job.summary()
+    assert summary.is_cut and summary.clashes == len(first) + len(rest) and len(first) == 3
+    assert (numpy.concatenate([first, rest])["prim"][:, 0] != outcrop.NO_ID).sum() == 7
+    with pytest.raises(outcrop.ArgumentError, match="clearance"):
+        boxes.clash(clearance=-1)
+    with pytest.raises(outcrop.ArgumentError, match="a part 99"), outcrop.PartSet() as foreign:
+        boxes.clash(foreign.add_part(99))
+    with pytest.raises(ValueError, match="pairs"):
+        boxes.clash(skip_pairs=[(1, 2, 3)])  # type: ignore[list-item]
