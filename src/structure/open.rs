@@ -4,6 +4,7 @@ use super::Structure;
 #[cfg(any(test, feature = "brute"))]
 use super::brute;
 use super::bvh;
+use super::nodes::{Nodes, NodesOf};
 use super::place::Place;
 use super::resident::Forms;
 use super::tree::{Blocks, Tree, Visit};
@@ -185,6 +186,16 @@ impl StoredTree {
             Start::Brute(own) => own.root(),
         };
         root.map(|(block, number)| (BlockId(block), number))
+    }
+
+    /// Finds nodes in the blocks of the tree.
+    pub fn nodes(&self) -> Nodes {
+        let kind = match &self.start {
+            Start::Bvh(own) => NodesOf::Bvh(own.leaves_at()),
+            #[cfg(any(test, feature = "brute"))]
+            Start::Brute(_) => NodesOf::Brute,
+        };
+        Nodes { kind, tree: self.index, origin: self.origin.to_array() }
     }
 
     /// Place where walks begin; `None` for an empty tree.
