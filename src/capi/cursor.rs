@@ -29,8 +29,9 @@ pub(crate) struct CursorObject(Mutex<Cursor>);
 
 /// A node of a tree: a leaf, which has triangles, or a node with children.
 ///
-/// Boxes are in double precision, rounded outward: all triangles below are inside. They are in the coordinates of the
-/// tree, see oc_tree_place. The box of a child in its parent may be larger than that of the child itself.
+/// Boxes are in double precision, rounded outward, in the coordinates of the tree, see oc_tree_place. The box of a child
+/// holds all triangles below; of triangles that the build divided (see `splits` of oc_build_desc) the pieces that are
+/// below. `bounds_min` and `bounds_max` are around the boxes of the children, or around all corners of a leaf.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct oc_node {

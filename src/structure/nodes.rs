@@ -1,7 +1,8 @@
 //! Nodes of trees for programs that walk them by themselves. A node is found by its place alone, in the words of its
 //! block. A place from outside may be any number, so it is checked at each step.
 //!
-//! The boxes are in double precision, in the coordinates of the tree's mesh, and rounded outward.
+//! The boxes are in double precision, in the coordinates of the tree's mesh, and rounded outward. The box of a child
+//! holds the triangles below it; of triangles that the build divided, the pieces below.
 
 #[cfg(any(test, feature = "brute"))]
 use super::brute;
@@ -42,7 +43,7 @@ pub struct Node {
     pub leaves: u32,
     /// The tree's local part of all triangles below; [`NO_PART`] if there are several, or if the file does not say.
     pub part: u32,
-    /// Box of the children or of the triangles.
+    /// Box around the children's boxes, or around all corners of a leaf.
     pub bounds: NodeBox,
     /// Ids of the children; [`NO_NODE`] behind the last.
     pub child: [u64; CHILDREN],

@@ -26,6 +26,7 @@ NOT_CALLED = {
     "oc_frame_retain": "Python counts the references",
     "oc_mapping_retain": "Python counts the references",
     "oc_part_reader_retain": "Python counts the references",
+    "oc_cursor_retain": "Python counts the references",
 }
 
 
