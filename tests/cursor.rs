@@ -63,7 +63,8 @@ fn around(corners: &[DVec3; 3]) -> NodeBox {
 /// Two parts, with triangles that the builder may split; another far from zero; and a mesh in several places.
 fn models() -> Vec<Built> {
     let round = scenes::bumpy_sphere(sized(90, 40), sized(180, 80), 4);
-    let several = [Part::white(5, round), Part::white(6, scenes::boxes(400, 2)), Part::white(9, scenes::slivers().tris)];
+    let several =
+        [Part::white(5, round), Part::white(6, scenes::boxes(400, 2)), Part::white(9, scenes::slivers().tris)];
     let splits = BuildOptions { threads: 1, splits: Splits::On, ..options() };
     let ball = scenes::sphere(30, 60);
     let shared = built::build(|builder| {
@@ -106,14 +107,8 @@ fn common(a: &NodeBox, b: &NodeBox) -> NodeBox {
     std::array::from_fn(|i| if i < 3 { a[i].max(b[i]) } else { a[i].min(b[i]) })
 }
 
-const ALL: NodeBox = [
-    f64::NEG_INFINITY,
-    f64::NEG_INFINITY,
-    f64::NEG_INFINITY,
-    f64::INFINITY,
-    f64::INFINITY,
-    f64::INFINITY,
-];
+const ALL: NodeBox =
+    [f64::NEG_INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY, f64::INFINITY, f64::INFINITY, f64::INFINITY];
 
 /// Walks the tree below a node, and compares each node with what is below.
 fn descend(cursor: &mut Cursor, id: u64, region: &NodeBox, walked: &mut Walked) -> Below64 {
@@ -149,7 +144,10 @@ fn descend(cursor: &mut Cursor, id: u64, region: &NodeBox, walked: &mut Walked) 
         }
         assert_eq!(own.bounds, boxes);
         // The file says of each cell whether it has one part.
-        assert_eq!(own.part, if below.parts.len() == 1 { below.parts.first().copied().expect("a part") } else { NO_PART });
+        assert_eq!(
+            own.part,
+            if below.parts.len() == 1 { below.parts.first().copied().expect("a part") } else { NO_PART }
+        );
     }
     assert!(own.child[count..].iter().all(|id| *id == NO_NODE) && own.leaves >> count == 0);
     assert!(walked.is_split || holds(&own.bounds, &below.bounds));
@@ -171,9 +169,8 @@ fn assert_regions_cover(walked: &Walked) {
         let inner = (0..8).map(|_| (rng.unit(), rng.unit()));
         let inner = inner.map(|(u, v)| if u + v > 1.0 { between(1.0 - u, 1.0 - v) } else { between(u, v) });
         for point in [a, b, c].into_iter().chain(inner) {
-            let is_inside = |region: &NodeBox| {
-                (0..3).all(|i| point[i] >= region[i] - give && point[i] <= region[i + 3] + give)
-            };
+            let is_inside =
+                |region: &NodeBox| (0..3).all(|i| point[i] >= region[i] - give && point[i] <= region[i + 3] + give);
             assert!(all.iter().any(|(_, region)| is_inside(region)), "{point:?} {all:?}");
         }
     }
@@ -225,8 +222,7 @@ fn nodes_are_those_of_the_tree() {
                 .iter()
                 .map(|(prim, part, corners)| (u64::from(*prim), (*part, corners.map(|c| c + stored.origin))))
                 .collect();
-            let found: BTreeMap<u64, (u32, [DVec3; 3])> =
-                found.iter().map(|t| (t.prim, (t.part, t.corners))).collect();
+            let found: BTreeMap<u64, (u32, [DVec3; 3])> = found.iter().map(|t| (t.prim, (t.part, t.corners))).collect();
             assert_eq!(found, expected);
         }
         assert_regions_cover(&walked);
@@ -439,9 +435,12 @@ fn a_failing_disk_is_an_error() {
     let (built, all) = large();
     let fails = Arc::new(AtomicBool::new(false));
     let also = Arc::clone(&fails);
-    let source = meddled(&built.path, move |_, _| {
-        if also.load(SeqCst) { Err(std::io::Error::other("unplugged")) } else { Ok(()) }
-    });
+    let source = meddled(
+        &built.path,
+        move |_, _| {
+            if also.load(SeqCst) { Err(std::io::Error::other("unplugged")) } else { Ok(()) }
+        },
+    );
     let model = Model::open_source(&context(5 << 20), source).expect("a model");
     let bytes = least(&model);
     let mut cursor = model.cursor(CursorOptions { now: false, bytes }).expect("a cursor");

@@ -6,8 +6,7 @@ use super::model::{ModelObject, oc_model};
 use super::query::{OC_NO_ID, same_places};
 use super::status::oc_status;
 use crate::base::error::Error;
-use crate::query::{Cursor, CursorOptions, Found, NodeTriangle};
-use crate::structure::Node;
+use crate::query::{Cursor, CursorOptions, Found, Node, NodeTriangle};
 use std::sync::{Mutex, TryLockError};
 
 /// Flags of oc_cursor_create.

@@ -11,8 +11,8 @@ use crate::base::inside_read::refuse_inside_read;
 use crate::base::progress::Cancel;
 use crate::residency::{Kept, OwnBlocks};
 use crate::scene::Model;
-use crate::structure::nodes::{Known, NO_NODE, Node, Nodes};
-use crate::structure::{LeafTriangle, Place};
+use crate::structure::nodes::{NO_NODE, Node, Starts};
+use crate::structure::{LeafTriangle, Nodes, Place};
 use bytemuck::Zeroable;
 use glam::{DAffine3, DVec3};
 use std::ops::Range;
@@ -71,7 +71,7 @@ pub struct NodeTriangle {
 pub struct Cursor {
     model: Model,
     own: Option<OwnBlocks>,
-    known: Known,
+    known: Starts,
     node: Box<Node>,
     triangles: Vec<NodeTriangle>,
     /// Blocks of the tree that was used last.
@@ -98,11 +98,11 @@ impl Model {
             }
             Some(OwnBlocks::new(residency, "the blocks of a cursor", bytes)?)
         };
-        let memory = residency.keep_all("what a cursor knows of leaves", Known::BYTES)?;
+        let memory = residency.keep_all("what a cursor knows of leaves", Starts::BYTES)?;
         Ok(Cursor {
             model: self.clone(),
             own,
-            known: Known::new()?,
+            known: Starts::new()?,
             node: Box::new(Node::zeroed()),
             triangles: Vec::new(),
             blocks: 0..0,
@@ -225,7 +225,7 @@ impl Cursor {
 struct Words<'a> {
     model: &'a Model,
     own: &'a mut Option<OwnBlocks>,
-    known: &'a mut Known,
+    known: &'a mut Starts,
 }
 
 impl Words<'_> {
@@ -234,7 +234,7 @@ impl Words<'_> {
     }
 
     #[inline]
-    fn with<T>(self, block: u32, see: impl FnOnce(&[u32], &mut Known) -> T) -> Result<Found<T>> {
+    fn with<T>(self, block: u32, see: impl FnOnce(&[u32], &mut Starts) -> T) -> Result<Found<T>> {
         let (block, blocks) = (BlockId(block), self.model.blocks());
         // The table of blocks is held for this call only: what it holds cannot be evicted.
         let there = blocks.shown();

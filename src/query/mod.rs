@@ -23,6 +23,7 @@ mod sweep;
 mod volume;
 
 pub use crate::geom::Side;
+pub use crate::structure::Node;
 pub(crate) use answers::stand_in;
 pub use batch::{AHEAD, Hits, PACKET, Policy, Query, QueryOptions, QueryState, QueryStatus, Rays};
 pub use crossings::Crossing;

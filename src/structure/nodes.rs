@@ -4,12 +4,10 @@
 //! The boxes are in double precision, in the coordinates of the tree's mesh, and rounded outward. The box of a child
 //! holds the triangles below it; of triangles that the build divided, the pieces below.
 
-#[cfg(any(test, feature = "brute"))]
-use super::brute;
-use super::bvh;
 use super::hit::Triangle;
 use super::place::Place;
 use crate::base::error::Result;
+use crate::base::memory::zeroed;
 use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Vec3};
 
@@ -155,82 +153,48 @@ pub struct LeafTriangle {
     pub number: u32,
 }
 
-/// What was found of blocks and is needed again to check places in them.
-pub struct Known(bvh::nodes::LeafStarts);
+/// Blocks whose starts are known at a time.
+const BLOCKS: usize = 128;
+/// Words that a block may have for its starts to be known.
+pub(super) const START_WORDS: usize = 1 << 14;
+const BIT_WORDS: usize = START_WORDS / 64;
 
-impl Known {
+/// The first words of the leaves of some blocks: what a cursor knows of blocks. Leaves have different lengths, so a
+/// number alone does not show whether a leaf begins there.
+pub struct Starts {
+    /// Id of the block at each place, plus 1; 0 for none.
+    blocks: Vec<u64>,
+    /// A bit for each word of the blocks: set if a leaf begins there.
+    bits: Vec<[u64; BIT_WORDS]>,
+}
+
+impl Starts {
     /// Bytes of memory.
-    pub const BYTES: u64 = bvh::nodes::LeafStarts::BYTES;
+    pub const BYTES: u64 = (BLOCKS * (8 + 8 * BIT_WORDS)) as u64;
 
     /// Fails with `NoMemory`.
     pub fn new() -> Result<Self> {
-        bvh::nodes::LeafStarts::new().map(Self)
-    }
-}
-
-/// Finds nodes in the blocks of a tree, of any structure.
-#[derive(Debug, Clone, Copy)]
-pub struct Nodes {
-    pub(super) kind: NodesOf,
-    pub(super) tree: u32,
-    pub(super) origin: [f64; 3],
-}
-
-/// How nodes lie in blocks, for each structure.
-#[derive(Debug, Clone, Copy)]
-pub(super) enum NodesOf {
-    /// Offset from the id of a fine block to that of its leaf block.
-    Bvh(u32),
-    #[cfg(any(test, feature = "brute"))]
-    Brute,
-}
-
-impl Nodes {
-    /// Index of the tree.
-    pub fn tree(&self) -> u32 {
-        self.tree
+        let what = "the first words of leaves";
+        Ok(Self { blocks: zeroed(BLOCKS, what)?, bits: zeroed(BLOCKS, what)? })
     }
 
-    /// Finds the node at a place in the words of the place's block, which is one of the tree. Returns false if there is
-    /// none; `node` has no meaning then.
+    /// True if a leaf begins at word `at` of block `id`, whose leaves begin at `all`.
     #[inline]
-    pub fn node(&self, words: &[u32], place: Place, known: &mut Known, node: &mut Node) -> bool {
-        node.tree = self.tree;
-        match self.kind {
-            NodesOf::Bvh(leaves_at) => bvh::nodes::node(words, place, (leaves_at, &self.origin), &mut known.0, node),
-            #[cfg(any(test, feature = "brute"))]
-            NodesOf::Brute => brute::nodes::node(words, place, &self.origin, node),
+    pub(super) fn has<I: Iterator<Item = usize>>(&mut self, id: u32, at: usize, all: impl FnOnce() -> I) -> bool {
+        let place = id as usize % BLOCKS;
+        if self.blocks[place] != u64::from(id) + 1 {
+            self.find(id, place, all());
         }
+        at < START_WORDS && self.bits[place][at / 64] >> (at % 64) & 1 == 1
     }
 
-    /// Visits the triangles of the leaf at a place. Returns false if there is no leaf.
-    pub fn triangles(
-        &self,
-        words: &[u32],
-        place: Place,
-        known: &mut Known,
-        visit: &mut dyn FnMut(LeafTriangle),
-    ) -> bool {
-        let origin = DVec3::from_array(self.origin);
-        let visit = |number: u32, triangle: Triangle| {
-            let corners = triangle.vertices.map(|v| v.as_dvec3() + origin);
-            visit(LeafTriangle { corners, part: triangle.part, number });
-        };
-        match self.kind {
-            NodesOf::Bvh(_) => bvh::nodes::triangles(words, place, &mut known.0, visit),
-            #[cfg(any(test, feature = "brute"))]
-            NodesOf::Brute => brute::nodes::triangles(words, place, visit),
+    #[cold]
+    fn find(&mut self, id: u32, place: usize, all: impl Iterator<Item = usize>) {
+        self.bits[place] = [0; BIT_WORDS];
+        for at in all.filter(|at| *at < START_WORDS) {
+            self.bits[place][at / 64] |= 1 << (at % 64);
         }
-    }
-
-    /// Returns the places of all nodes of a block, in the block's order.
-    pub fn all(&self, words: &[u32], block: u32) -> Vec<Place> {
-        let items = match self.kind {
-            NodesOf::Bvh(_) => bvh::nodes::items(words),
-            #[cfg(any(test, feature = "brute"))]
-            NodesOf::Brute => brute::nodes::items(words),
-        };
-        items.into_iter().map(|item| Place { block, item }).collect()
+        self.blocks[place] = u64::from(id) + 1;
     }
 }
 

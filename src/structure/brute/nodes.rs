@@ -12,7 +12,7 @@ use crate::structure::place::Place;
 const GROUPS: u32 = 8;
 const _: () = assert!(ROWS <= CHILDREN * CHILDREN && INDEX < GROUPS && LIST < GROUPS);
 
-/// See [`crate::structure::nodes::Nodes::node`].
+/// See [`crate::structure::open::Nodes::node`].
 pub fn node(words: &[u32], place: Place, origin: &[f64; 3], out: &mut Node) -> bool {
     match Block::new(words) {
         Block::Index(rows) => {
@@ -54,7 +54,7 @@ pub fn node(words: &[u32], place: Place, origin: &[f64; 3], out: &mut Node) -> b
     }
 }
 
-/// See [`crate::structure::nodes::Nodes::triangles`].
+/// See [`crate::structure::open::Nodes::triangles`].
 pub fn triangles(words: &[u32], place: Place, mut visit: impl FnMut(u32, Triangle)) -> bool {
     match Block::new(words) {
         Block::List(list) if place.item == LIST => {

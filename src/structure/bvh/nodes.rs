@@ -2,60 +2,11 @@
 //! leaf of the place's own block.
 
 use super::layout::{Block, Child, MAX_WORDS, PAD_WORDS, WIDTH};
-use crate::base::error::Result;
-use crate::base::memory::zeroed;
 use crate::structure::hit::Triangle;
-use crate::structure::nodes::{CHILDREN, NO_PART, Node, NodeBox, sum, sum_above, sum_below};
+use crate::structure::nodes::{CHILDREN, NO_PART, Node, NodeBox, START_WORDS, Starts, sum, sum_above, sum_below};
 use crate::structure::place::Place;
 
-const _: () = assert!(WIDTH == CHILDREN);
-
-/// Blocks whose leaves are known at a time.
-const BLOCKS: usize = 128;
-/// Words with a bit for each word of a block.
-const BIT_WORDS: usize = MAX_WORDS / 64;
-
-/// The first words of the leaves of some blocks. Leaves have different lengths, so a number alone does not show whether
-/// a leaf begins there.
-pub struct LeafStarts {
-    /// Id of the block at each place, plus 1; 0 for none.
-    blocks: Vec<u64>,
-    /// A bit for each word of the blocks: set if a leaf begins there.
-    bits: Vec<[u64; BIT_WORDS]>,
-}
-
-impl LeafStarts {
-    /// Bytes of memory.
-    pub const BYTES: u64 = (BLOCKS * (8 + 8 * BIT_WORDS)) as u64;
-
-    /// Fails with `NoMemory`.
-    pub fn new() -> Result<Self> {
-        let what = "the first words of leaves";
-        Ok(Self { blocks: zeroed(BLOCKS, what)?, bits: zeroed(BLOCKS, what)? })
-    }
-
-    /// True if a leaf begins at word `at` of a block.
-    #[inline]
-    fn has(&mut self, block: &Block, id: u32, at: usize) -> bool {
-        let place = id as usize % BLOCKS;
-        if self.blocks[place] != u64::from(id) + 1 {
-            self.find(block, id, place);
-        }
-        // An index has 14 bits, as many as words of a block.
-        self.bits[place][(at / 64) & (BIT_WORDS - 1)] >> (at % 64) & 1 == 1
-    }
-
-    #[cold]
-    fn find(&mut self, block: &Block, id: u32, place: usize) {
-        self.bits[place] = [0; BIT_WORDS];
-        for at in starts(block) {
-            if let Some(bits) = self.bits[place].get_mut(at / 64) {
-                *bits |= 1 << (at % 64);
-            }
-        }
-        self.blocks[place] = u64::from(id) + 1;
-    }
-}
+const _: () = assert!(WIDTH == CHILDREN && MAX_WORDS <= START_WORDS);
 
 /// The first words of a block's leaves, in order. In memory zeros may follow the last one.
 fn starts<'a>(block: &Block<'a>) -> impl Iterator<Item = usize> + use<'a> {
@@ -77,13 +28,13 @@ fn decoded(item: u32) -> Option<Child> {
     if item > u32::from(u16::MAX) { None } else { Child::from_bits(item) }
 }
 
-/// See [`crate::structure::nodes::Nodes::node`].
+/// See [`crate::structure::open::Nodes::node`].
 #[inline]
 pub fn node(
     words: &[u32],
     place: Place,
     (leaves_at, origin): (u32, &[f64; 3]),
-    starts: &mut LeafStarts,
+    known: &mut Starts,
     out: &mut Node,
 ) -> bool {
     let block = Block::new(words);
@@ -92,7 +43,7 @@ pub fn node(
             inner(&block, place.block, index, (leaves_at, origin), out);
             true
         }
-        Some(Child::Leaf(at)) if starts.has(&block, place.block, at) => {
+        Some(Child::Leaf(at)) if known.has(place.block, at, || starts(&block)) => {
             out.of_triangles(triangles_of(&block, at).map(|(_, triangle)| triangle), origin);
             true
         }
@@ -158,16 +109,11 @@ fn triangles_of<'a>(block: &Block<'a>, at: usize) -> impl Iterator<Item = (u32, 
     })
 }
 
-/// See [`crate::structure::nodes::Nodes::triangles`].
-pub fn triangles(
-    words: &[u32],
-    place: Place,
-    starts: &mut LeafStarts,
-    mut visit: impl FnMut(u32, Triangle),
-) -> bool {
+/// See [`crate::structure::open::Nodes::triangles`].
+pub fn triangles(words: &[u32], place: Place, known: &mut Starts, mut visit: impl FnMut(u32, Triangle)) -> bool {
     let block = Block::new(words);
     match decoded(place.item) {
-        Some(Child::Leaf(at)) if starts.has(&block, place.block, at) => {
+        Some(Child::Leaf(at)) if known.has(place.block, at, || starts(&block)) => {
             triangles_of(&block, at).for_each(|(number, triangle)| visit(number, triangle));
             true
         }
