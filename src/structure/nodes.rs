@@ -4,6 +4,7 @@
 //! The boxes are in double precision, in the coordinates of the tree's mesh, and rounded outward. The box of a child
 //! holds the triangles below it; of triangles that the build divided, the pieces below.
 
+#[cfg(any(test, feature = "brute"))]
 use super::hit::Triangle;
 use super::place::Place;
 use crate::base::error::Result;
@@ -91,23 +92,32 @@ impl Node {
     }
 
     /// Makes a leaf of triangles.
+    #[cfg(any(test, feature = "brute"))]
     pub(super) fn of_triangles(&mut self, triangles: impl Iterator<Item = Triangle>, origin: &[f64; 3]) {
-        self.begin(0);
-        let mut all = crate::math::Bounds::EMPTY;
+        let (mut count, mut part, mut all) = (0, NO_PART, crate::math::Bounds::EMPTY);
         for triangle in triangles {
-            self.part = if self.triangles == 0 || self.part == triangle.part { triangle.part } else { NO_PART };
-            self.triangles += 1;
+            part = if count == 0 || part == triangle.part { triangle.part } else { NO_PART };
+            count += 1;
             all = triangle.vertices.into_iter().fold(all, |all, corner| all.with(corner));
         }
-        self.bounds = outward(origin, all.min, all.max);
+        self.leaf(count, part, outward(origin, all.min, all.max));
+    }
+
+    /// Makes a leaf.
+    #[inline(always)]
+    pub(super) fn leaf(&mut self, triangles: u32, part: u32, bounds: NodeBox) {
+        self.begin(triangles);
+        (self.part, self.bounds) = (part, bounds);
         self.end();
     }
 
     #[inline(always)]
     fn grow(&mut self, bounds: &NodeBox) {
         for axis in 0..3 {
-            self.bounds[axis] = self.bounds[axis].min(bounds[axis]);
-            self.bounds[axis + 3] = self.bounds[axis + 3].max(bounds[axis + 3]);
+            // No coordinate is NaN: a comparison is one instruction.
+            let (low, high) = (self.bounds[axis], self.bounds[axis + 3]);
+            self.bounds[axis] = if bounds[axis] < low { bounds[axis] } else { low };
+            self.bounds[axis + 3] = if bounds[axis + 3] > high { bounds[axis + 3] } else { high };
         }
     }
 }
@@ -133,6 +143,23 @@ pub(super) fn sum_above(a: f64, b: f64) -> f64 {
     if is_exact { sum } else { sum.next_up() }
 }
 
+/// True if `from + q * 2^step` is exact for all `q` from 0 to 255: all such numbers are multiples of a power of two, and
+/// below 2^53 times that power.
+#[inline(always)]
+pub(super) fn sums_are_exact(from: f64, step: i32) -> bool {
+    let bits = from.to_bits();
+    let exponent = (bits >> 52 & 0x7ff) as i32;
+    if from == 0.0 {
+        return step > -1000;
+    }
+    if exponent == 0 {
+        return false;
+    }
+    let lowest = exponent - 1075 + ((bits | 1 << 52).trailing_zeros() as i32).min(52);
+    // `from` is below 2^(exponent - 1022), and `q * 2^step` below 2^(step + 8).
+    (exponent - 1022).max(step + 8) + 1 - lowest.min(step) <= 53
+}
+
 /// A box in the coordinates of the mesh.
 #[inline]
 pub(super) fn outward(origin: &[f64; 3], min: Vec3, max: Vec3) -> NodeBox {
@@ -154,45 +181,70 @@ pub struct LeafTriangle {
 }
 
 /// Blocks whose starts are known at a time.
-const BLOCKS: usize = 128;
+const BLOCKS: usize = 2048;
 /// Words that a block may have for its starts to be known.
 pub(super) const START_WORDS: usize = 1 << 14;
-const BIT_WORDS: usize = START_WORDS / 64;
+/// Words of a stretch of a block.
+const STRETCH: usize = 128;
+/// Marks a stretch in which no leaf begins.
+const NONE: u8 = u8::MAX;
+const _: () = assert!(STRETCH <= NONE as usize);
 
-/// The first words of the leaves of some blocks: what a cursor knows of blocks. Leaves have different lengths, so a
-/// number alone does not show whether a leaf begins there.
+/// Where leaves begin in some blocks: what a cursor knows of blocks. Leaves have different lengths, so a number alone
+/// does not show whether a leaf begins there.
 pub struct Starts {
     /// Id of the block at each place, plus 1; 0 for none.
     blocks: Vec<u64>,
-    /// A bit for each word of the blocks: set if a leaf begins there.
-    bits: Vec<[u64; BIT_WORDS]>,
+    /// For each stretch of the blocks, the place in it where the first leaf begins.
+    firsts: Vec<[u8; START_WORDS / STRETCH]>,
 }
 
 impl Starts {
     /// Bytes of memory.
-    pub const BYTES: u64 = (BLOCKS * (8 + 8 * BIT_WORDS)) as u64;
+    pub const BYTES: u64 = (BLOCKS * (8 + START_WORDS / STRETCH)) as u64;
 
     /// Fails with `NoMemory`.
     pub fn new() -> Result<Self> {
-        let what = "the first words of leaves";
-        Ok(Self { blocks: zeroed(BLOCKS, what)?, bits: zeroed(BLOCKS, what)? })
+        let what = "where leaves begin";
+        Ok(Self { blocks: zeroed(BLOCKS, what)?, firsts: zeroed(BLOCKS, what)? })
     }
 
-    /// True if a leaf begins at word `at` of block `id`, whose leaves begin at `all`.
+    /// True if a leaf begins at word `at` of block `id`. `all` returns the words where its leaves begin, `next` the
+    /// word after the leaf that begins at a word; `None` if that is behind the last leaf.
     #[inline]
-    pub(super) fn has<I: Iterator<Item = usize>>(&mut self, id: u32, at: usize, all: impl FnOnce() -> I) -> bool {
+    pub(super) fn has<I: Iterator<Item = usize>>(
+        &mut self,
+        id: u32,
+        at: usize,
+        all: impl FnOnce() -> I,
+        next: impl Fn(usize) -> Option<usize>,
+    ) -> bool {
         let place = id as usize % BLOCKS;
         if self.blocks[place] != u64::from(id) + 1 {
             self.find(id, place, all());
         }
-        at < START_WORDS && self.bits[place][at / 64] >> (at % 64) & 1 == 1
+        let Some(&first) = self.firsts[place].get(at / STRETCH) else { return false };
+        if first == NONE {
+            return false;
+        }
+        let mut word = at / STRETCH * STRETCH + usize::from(first);
+        while word < at {
+            match next(word) {
+                Some(after) => word = after,
+                None => return false,
+            }
+        }
+        word == at && next(at).is_some()
     }
 
     #[cold]
     fn find(&mut self, id: u32, place: usize, all: impl Iterator<Item = usize>) {
-        self.bits[place] = [0; BIT_WORDS];
-        for at in all.filter(|at| *at < START_WORDS) {
-            self.bits[place][at / 64] |= 1 << (at % 64);
+        let firsts = &mut self.firsts[place];
+        *firsts = [NONE; START_WORDS / STRETCH];
+        for at in all {
+            if let Some(first) = firsts.get_mut(at / STRETCH) {
+                *first = (*first).min((at % STRETCH) as u8);
+            }
         }
         self.blocks[place] = u64::from(id) + 1;
     }
@@ -204,6 +256,18 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
+        /// Where all sums count as exact, each is.
+        #[test]
+        fn exact_sums_are_exact(from: f32, scale in -40i32..40, step in -60i32..60) {
+            prop_assume!(from.is_finite());
+            let from = f64::from(from) * 2f64.powi(scale);
+            if sums_are_exact(from, step) {
+                for q in 0..=255 {
+                    prop_assert!(sum(from, f64::from(q) * 2f64.powi(step)).1);
+                }
+            }
+        }
+
         /// The sums are bounds of the exact sum, which a wider format holds.
         #[test]
         fn sums_are_rounded_outward(a: f32, scale in -60i32..60, b: f32) {

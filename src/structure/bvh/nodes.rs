@@ -1,10 +1,13 @@
 //! Nodes by their places: see [`crate::structure::nodes`]. The item of a place is a child reference, to a node or a
 //! leaf of the place's own block.
 
-use super::layout::{Block, Child, MAX_WORDS, PAD_WORDS, WIDTH};
+use super::layout::{Block, Child, MAX_TRIANGLES, MAX_WORDS, PAD_WORDS, WIDTH};
 use crate::structure::hit::Triangle;
-use crate::structure::nodes::{CHILDREN, NO_PART, Node, NodeBox, START_WORDS, Starts, sum, sum_above, sum_below};
+use crate::structure::nodes::{
+    CHILDREN, NO_PART, Node, NodeBox, START_WORDS, Starts, outward, sum_above, sum_below, sums_are_exact,
+};
 use crate::structure::place::Place;
+use glam::Vec3;
 
 const _: () = assert!(WIDTH == CHILDREN && MAX_WORDS <= START_WORDS);
 
@@ -43,8 +46,8 @@ pub fn node(
             inner(&block, place.block, index, (leaves_at, origin), out);
             true
         }
-        Some(Child::Leaf(at)) if known.has(place.block, at, || starts(&block)) => {
-            out.of_triangles(triangles_of(&block, at).map(|(_, triangle)| triangle), origin);
+        Some(Child::Leaf(at)) if is_leaf(&block, place.block, at, known) => {
+            leaf_at(&block, at, origin, out);
             true
         }
         _ => false,
@@ -61,6 +64,17 @@ fn inner(block: &Block, id: u32, index: usize, (leaves_at, origin): (u32, &[f64;
         0..3 => sum_below(origin[row], node.origin[row].into()),
         _ => sum_above(origin[row - 3], node.origin[row - 3].into()),
     });
+    let exact =
+        |axis: usize| grid[axis] == grid[axis + 3] && sums_are_exact(grid[axis], i32::from(node.exponent[axis]) - 127);
+    let boxes = if exact(0) && exact(1) && exact(2) {
+        // In rows, so that the compiler uses vectors.
+        std::array::from_fn(|row| {
+            let (from, step) = (grid[row], steps[row % 3]);
+            node.planes[row].map(|plane| from + f64::from(plane) * step)
+        })
+    } else {
+        rounded_boxes(node, &grid, &steps)
+    };
     for slot in (0..WIDTH).filter(|slot| node.valid >> slot & 1 == 1) {
         let child = u32::from(node.child[slot]);
         let place = match Child::from_bits(child) {
@@ -71,23 +85,22 @@ fn inner(block: &Block, id: u32, index: usize, (leaves_at, origin): (u32, &[f64;
             Some(Child::Leaf(_)) => Place { block: id + leaves_at, item: child },
             _ => Place { block: id, item: child },
         };
-        let mut is_exact = true;
-        let mut bounds: NodeBox = std::array::from_fn(|row| {
-            let (plane, exact) = sum(grid[row], f64::from(node.planes[row][slot]) * steps[row % 3]);
-            is_exact &= exact;
-            plane
-        });
-        if !is_exact {
-            let outer = |row: usize| {
-                let offset = f64::from(node.planes[row][slot]) * steps[row % 3];
-                if row < 3 { sum_below(grid[row], offset) } else { sum_above(grid[row], offset) }
-            };
-            bounds = std::array::from_fn(outer);
-        }
+        let bounds: NodeBox = std::array::from_fn(|row| boxes[row][slot]);
         out.push(place, Child::is_leaf(child), &bounds);
     }
     out.part = part_below(block, index, out.children as usize);
     out.end();
+}
+
+/// The planes of all boxes, rounded outward.
+#[cold]
+fn rounded_boxes(node: &super::layout::Node, grid: &NodeBox, steps: &[f64; 3]) -> [[f64; WIDTH]; 6] {
+    std::array::from_fn(|row| {
+        node.planes[row].map(|plane| {
+            let offset = f64::from(plane) * steps[row % 3];
+            if row < 3 { sum_below(grid[row], offset) } else { sum_above(grid[row], offset) }
+        })
+    })
 }
 
 /// The part of all voxels of a node's children, if it is one.
@@ -101,20 +114,50 @@ fn part_below(block: &Block, index: usize, children: usize) -> u32 {
     if is_mixed || !(1..children).all(same) { NO_PART } else { part }
 }
 
-fn triangles_of<'a>(block: &Block<'a>, at: usize) -> impl Iterator<Item = (u32, Triangle)> + use<'a> {
-    let (block, leaf) = (*block, block.leaf(at));
-    (0..leaf.triangles).map(move |i| {
-        let part = block.part(leaf.part_of(i));
-        ((leaf.first + i) as u32, Triangle { vertices: leaf.triangle(i), part })
-    })
+/// True if a leaf begins at word `at` of a block.
+#[inline(always)]
+fn is_leaf(block: &Block, id: u32, at: usize, known: &mut Starts) -> bool {
+    let next = |at: usize| {
+        let is_inside = at + PAD_WORDS < block.words().len() && at >= block.first_leaf();
+        let leaf = is_inside.then(|| block.leaf(at)).filter(|leaf| leaf.triangles > 0)?;
+        Some(at + leaf.len())
+    };
+    known.has(id, at, || starts(block), next)
+}
+
+/// Makes a leaf of the one that begins at word `at`.
+#[inline]
+fn leaf_at(block: &Block, at: usize, origin: &[f64; 3], out: &mut Node) {
+    let leaf = block.leaf(at);
+    let first = leaf.part_of(0);
+    let is_one = !leaf.is_mixed() || (1..leaf.triangles).all(|i| leaf.part_of(i) == first);
+    let part = if is_one { block.part(first) } else { NO_PART };
+    let mut bounds = [[f32::INFINITY, f32::NEG_INFINITY]; 3];
+    for (axis, [low, high]) in bounds.iter_mut().enumerate() {
+        for &x in &leaf.coordinates(axis).to_array()[..leaf.vertices] {
+            (*low, *high) = (if x < *low { x } else { *low }, if x > *high { x } else { *high });
+        }
+    }
+    let [min, max] = [0, 1].map(|end| Vec3::from(bounds.map(|axis| axis[end])));
+    out.leaf(leaf.triangles as u32, part, outward(origin, min, max));
 }
 
 /// See [`crate::structure::open::Nodes::triangles`].
 pub fn triangles(words: &[u32], place: Place, known: &mut Starts, mut visit: impl FnMut(u32, Triangle)) -> bool {
     let block = Block::new(words);
     match decoded(place.item) {
-        Some(Child::Leaf(at)) if known.has(place.block, at, || starts(&block)) => {
-            triangles_of(&block, at).for_each(|(number, triangle)| visit(number, triangle));
+        Some(Child::Leaf(at)) if is_leaf(&block, place.block, at, known) => {
+            let leaf = block.leaf(at);
+            let axes = [0, 1, 2].map(|axis| leaf.coordinates(axis));
+            let corners = [0, 1, 2].map(|corner| leaf.corners8(corner));
+            for i in 0..leaf.triangles {
+                let corner = |c: usize| {
+                    let v = usize::from(corners[c][i & (MAX_TRIANGLES - 1)]);
+                    Vec3::new(axes[0].get(v), axes[1].get(v), axes[2].get(v))
+                };
+                let vertices = [corner(0), corner(1), corner(2)];
+                visit((leaf.first + i) as u32, Triangle { vertices, part: block.part(leaf.part_of(i)) });
+            }
             true
         }
         _ => false,
