@@ -1036,9 +1036,9 @@ typedef struct oc_tree_place {
 /**
  * A node of a tree: a leaf, which has triangles, or a node with children.
  *
- * Boxes are in double precision, rounded outward, in the coordinates of the tree, see oc_tree_place. The box of a child
- * holds all triangles below; of triangles that the build divided (see `splits` of oc_build_desc) the pieces that are
- * below. `bounds_min` and `bounds_max` are around the boxes of the children, or around all corners of a leaf.
+ * Boxes are in double precision, rounded outward, in the coordinates of the tree, see oc_tree_place. The box of a
+ * child holds all triangles below; of triangles that the build divided (see `splits` of oc_build_desc) the pieces that
+ * are below. `bounds_min` and `bounds_max` are around the boxes of the children, or around all corners of a leaf.
  */
 typedef struct oc_node {
     /** Size of this struct in bytes; OC_INIT sets it. */
@@ -2834,7 +2834,7 @@ oc_status oc_scene_crossings(const struct oc_scene *scene,
  * - `bytes`: size of that memory, of the budget of the context. 0: 4 MiB. Not used with OC_CURSOR_NOW.
  * - `out_cursor`: receives the cursor. It keeps the model alive.
  *
- * Memory: `bytes`, and 257 KiB, of the budget.
+ * Memory: `bytes`, and 272 KiB, of the budget.
  *
  * Errors:
  * - OC_STATUS_INVALID_ARGUMENT: `flags` are unknown, or `bytes` are not 0 and too few to read a block. The message
@@ -2893,8 +2893,8 @@ oc_status oc_cursor_places(struct oc_cursor *cursor,
  * - OC_STATUS_INVALID_STATE: another thread uses the cursor now.
  * - OC_STATUS_IO, OC_STATUS_CORRUPT: the block cannot be read.
  *
- * Thread safety: any thread, one at a time. Cheap if the block is in memory, or with OC_CURSOR_NOW; otherwise reads the
- * disk.
+ * Thread safety: any thread, one at a time. Cheap if the block is in memory, or with OC_CURSOR_NOW; otherwise reads
+ * the disk.
  */
 OC_API
 oc_status oc_cursor_node(struct oc_cursor *cursor,

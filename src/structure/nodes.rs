@@ -143,8 +143,8 @@ pub(super) fn sum_above(a: f64, b: f64) -> f64 {
     if is_exact { sum } else { sum.next_up() }
 }
 
-/// True if `from + q * 2^step` is exact for all `q` from 0 to 255: all such numbers are multiples of a power of two, and
-/// below 2^53 times that power.
+/// True if `from + q * 2^step` is exact for all `q` from 0 to 255: all such numbers are multiples of a power of two,
+/// and below 2^53 times that power.
 #[inline(always)]
 pub(super) fn sums_are_exact(from: f64, step: i32) -> bool {
     let bits = from.to_bits();
