@@ -124,6 +124,14 @@ typedef struct oc_build oc_build;
  */
 typedef struct oc_context oc_context;
 
+/**
+ * Reads the nodes of a model's trees, one at a time, in any order.
+ *
+ * A node has a number of 64 bits, its id, which holds for the model file as long as the file is not built anew. The
+ * upper 32 bits are the block of the node, below `blocks` of oc_model_info. The lower 32 bits have no meaning outside.
+ */
+typedef struct oc_cursor oc_cursor;
+
 /** One view that is rendered in the background, with its buffers. */
 typedef struct oc_frame oc_frame;
 
@@ -1005,6 +1013,77 @@ typedef struct oc_crossing {
     oc_hit_kind kind;
 } oc_crossing;
 
+/** Flags of oc_cursor_create. */
+typedef uint32_t oc_cursor_flags;
+
+/**
+ * A place of a tree in its model. Element of an array.
+ *
+ * Tree 0 holds the triangles that are placed directly; each other tree holds a shared mesh, or some of a large one,
+ * and has a place for each of its instances.
+ */
+typedef struct oc_tree_place {
+    /** Transform from the coordinates of the tree to the model, by column: x axis, y axis, z axis, origin. */
+    double model_from_tree[12];
+    /** Id of the root of the tree. */
+    uint64_t root;
+    /** Index of the tree. */
+    uint32_t tree;
+    /**
+     * Index, for oc_model_get_part, of part 0 of the tree in this place: part p of a node or a triangle has index
+     * `first_part` + p.
+     */
+    uint32_t first_part;
+} oc_tree_place;
+
+/**
+ * A node of a tree: a leaf, which has triangles, or a node with children.
+ *
+ * Boxes are in double precision, rounded outward, in the coordinates of the tree, see oc_tree_place. The box of a
+ * child holds all triangles below; of triangles that the build divided (see `splits` of oc_build_desc) the pieces that
+ * are below. `bounds_min` and `bounds_max` are around the boxes of the children, or around all corners of a leaf.
+ */
+typedef struct oc_node {
+    /** Size of this struct in bytes; OC_INIT sets it. */
+    uint32_t struct_size;
+    /** Index of the tree. */
+    uint32_t tree;
+    /** Number of children, at most 8. 0: the node is a leaf. */
+    uint32_t child_count;
+    /** Number of triangles of a leaf, at most 64. 0: the node has children. */
+    uint32_t triangle_count;
+    /** Bit i: child i is a leaf. */
+    uint32_t leaf_children;
+    /**
+     * Number, in the tree, of the part that all triangles below belong to. OC_NO_INDEX: they belong to several, or the
+     * model does not say. See oc_tree_place.
+     */
+    uint32_t part;
+    /** Least corner of the box. */
+    double bounds_min[3];
+    /** Greatest corner of the box. */
+    double bounds_max[3];
+    /** Ids of the children. OC_NO_ID behind the last. */
+    uint64_t children[8];
+    /** Boxes of the children, 6 numbers each: least x, y, z, greatest x, y, z. 0 behind the last. */
+    double child_bounds[48];
+} oc_node;
+
+/** A triangle of a leaf. Element of an array. */
+typedef struct oc_node_triangle {
+    /**
+     * x, y, z of the first corner, of the second, of the third, in the coordinates of the tree, see oc_tree_place. The
+     * stored positions are exact in double precision.
+     */
+    double corners[9];
+    /** Index of the triangle in the input of the build, from 0. OC_NO_ID if it was not asked for. */
+    uint64_t prim;
+    /** Number of the part in the tree, see oc_tree_place. */
+    uint32_t part;
+    /** Index of the tree. */
+    uint32_t tree;
+} oc_node_triangle;
+
 /** The relation of a part to a point. */
 typedef uint32_t oc_holds;
 
@@ -1342,6 +1421,12 @@ typedef struct oc_pixels {
 
 /** The calling program: the work was cancelled on request. */
 #define OC_STATUS_CANCELLED 103
+
+/**
+ * The calling program: the block of a node is not in memory, and a cursor with OC_CURSOR_NOW does not read it. Nothing
+ * changed.
+ */
+#define OC_STATUS_MISSING 104
 
 /** The file: an input file of a build cannot be parsed. */
 #define OC_STATUS_PARSE 200
@@ -1682,6 +1767,9 @@ typedef struct oc_pixels {
 
 /** The other side, where a ray leaves such a solid. */
 #define OC_SIDE_BACK 2
+
+/** The cursor never reads. A call that needs a block which is not in memory returns OC_STATUS_MISSING. */
+#define OC_CURSOR_NOW 1
 
 /** The part is closed (OC_PART_CLOSED), and the point is inside. */
 #define OC_HOLDS_INSIDE 1
@@ -2866,6 +2954,137 @@ oc_status oc_scene_crossings(const struct oc_scene *scene,
                              uint64_t *out_ends,
                              uint8_t *out_complete,
                              uint64_t *out_count);
+
+/**
+ * Makes a cursor over a model.
+ *
+ * Blocks in memory are used where they are, without a lock; the cursor does not keep them there. Other blocks are read
+ * by the calling thread into memory of the cursor's own, which drops those that were not used for longest. They are
+ * neither those of frames and queries, nor of other cursors. For fast walks call oc_model_load or oc_scene_prefetch
+ * first.
+ *
+ * - `flags`: OC_CURSOR_ flags, combined with `|`.
+ * - `bytes`: size of that memory, of the budget of the context. 0: 4 MiB. Not used with OC_CURSOR_NOW.
+ * - `out_cursor`: receives the cursor. It keeps the model alive.
+ *
+ * Memory: `bytes`, and 272 KiB, of the budget.
+ *
+ * Errors:
+ * - OC_STATUS_INVALID_ARGUMENT: `flags` are unknown, or `bytes` are not 0 and too few to read a block. The message
+ *   names the least number.
+ * - OC_STATUS_OVER_BUDGET: the budget of the context has less. oc_last_error_need returns the least budget that
+ *   suffices.
+ *
+ * Ownership: the caller receives one reference.
+ * Thread safety: any thread. Makes room in the budget, for which it may wait until frames give up what they use.
+ */
+OC_API
+oc_status oc_cursor_create(const struct oc_model *model,
+                           oc_cursor_flags flags,
+                           uint64_t bytes,
+                           struct oc_cursor **out_cursor);
+
+/**
+ * Returns the root of a tree. For a model without instances of its own, tree 0 is all of it.
+ *
+ * - `tree`: index of the tree.
+ * - `out_node`: receives the id of the root. OC_NO_ID: the tree has no triangles.
+ *
+ * Errors: OC_STATUS_INVALID_ARGUMENT if there is no such tree.
+ *
+ * Thread safety: any thread, one at a time. Cheap.
+ */
+OC_API oc_status oc_cursor_root(struct oc_cursor *cursor, uint32_t tree, uint64_t *out_node);
+
+/**
+ * Returns the places of all trees with triangles in the model: where walks of the whole model begin.
+ *
+ * - `out_places`: receives the places, tightly packed.
+ * - `capacity`: number of elements that `out_places` has room for. 0: only the count is written, `out_places` is
+ *   ignored.
+ * - `out_count`: receives the number of places, also with OC_STATUS_BUFFER_TOO_SMALL.
+ *
+ * Errors: OC_STATUS_BUFFER_TOO_SMALL if `capacity` is not 0 and below the number of places.
+ *
+ * Thread safety: any thread, one at a time. Cheap: reads nothing.
+ */
+OC_API
+oc_status oc_cursor_places(struct oc_cursor *cursor,
+                           struct oc_tree_place *out_places,
+                           uint64_t capacity,
+                           uint64_t *out_count);
+
+/**
+ * Returns a node, with the ids and boxes of its children.
+ *
+ * - `node`: id of the node. Any number may be passed.
+ * - `out_node`: receives the node. Initialise it with OC_INIT.
+ *
+ * Errors:
+ * - OC_STATUS_INVALID_ARGUMENT: no node of the model has the id.
+ * - OC_STATUS_MISSING: with OC_CURSOR_NOW, the block is not in memory.
+ * - OC_STATUS_INVALID_STATE: another thread uses the cursor now.
+ * - OC_STATUS_IO, OC_STATUS_CORRUPT: the block cannot be read.
+ *
+ * Thread safety: any thread, one at a time. Cheap if the block is in memory, or with OC_CURSOR_NOW; otherwise reads
+ * the disk.
+ */
+OC_API
+oc_status oc_cursor_node(struct oc_cursor *cursor,
+                         uint64_t node,
+                         struct oc_node *out_node);
+
+/**
+ * Returns the triangles of a leaf.
+ *
+ * - `node`: id of a leaf. Any number may be passed.
+ * - `with_prims`: 1: `prim` of the triangles is filled. It is in a block of its own. 0: it is OC_NO_ID.
+ * - `out_triangles`: receives the triangles, tightly packed.
+ * - `capacity`: number of elements that `out_triangles` has room for; 64 always suffices. 0: only the count is
+ *   written, `out_triangles` is ignored.
+ * - `out_count`: receives the number of triangles, also with OC_STATUS_BUFFER_TOO_SMALL.
+ *
+ * A triangle may be in several leaves, see `splits` of oc_build_desc.
+ *
+ * Errors: as for oc_cursor_node. OC_STATUS_INVALID_ARGUMENT also if the node has children, or `with_prims` is above 1.
+ * OC_STATUS_BUFFER_TOO_SMALL: `capacity` is not 0 and below the number of triangles.
+ *
+ * Thread safety: as for oc_cursor_node.
+ */
+OC_API
+oc_status oc_cursor_triangles(struct oc_cursor *cursor,
+                              uint64_t node,
+                              uint32_t with_prims,
+                              struct oc_node_triangle *out_triangles,
+                              uint64_t capacity,
+                              uint64_t *out_count);
+
+/**
+ * Returns the ids of all nodes of a block, leaves included. All blocks together have each node of the model once.
+ *
+ * - `block`: number of the block, below `blocks` of oc_model_info.
+ * - `out_nodes`: receives the ids, tightly packed.
+ * - `capacity`: number of elements that `out_nodes` has room for; 16384 always suffices. 0: only the count is written,
+ *   `out_nodes` is ignored.
+ * - `out_count`: receives the number of nodes, also with OC_STATUS_BUFFER_TOO_SMALL.
+ *
+ * Errors: as for oc_cursor_node. OC_STATUS_INVALID_ARGUMENT if there is no such block. OC_STATUS_BUFFER_TOO_SMALL:
+ * `capacity` is not 0 and below the number of nodes.
+ *
+ * Thread safety: as for oc_cursor_node.
+ */
+OC_API
+oc_status oc_cursor_block_nodes(struct oc_cursor *cursor,
+                                uint32_t block,
+                                uint64_t *out_nodes,
+                                uint64_t capacity,
+                                uint64_t *out_count);
+
+/** Adds one reference. NULL: does nothing. Thread safety: any thread. Cheap. */
+OC_API void oc_cursor_retain(struct oc_cursor *cursor);
+
+/** Releases one reference. NULL: does nothing. Thread safety: any thread. Cheap. */
+OC_API void oc_cursor_release(struct oc_cursor *cursor);
 
 /**
  * Finds the visible parts that hold points.

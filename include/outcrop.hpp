@@ -92,6 +92,7 @@ using frame_handle = handle<oc_frame, oc_frame_retain, oc_frame_release>;
 using mapping_handle = handle<oc_mapping, oc_mapping_retain, oc_mapping_release>;
 using part_reader_handle = handle<oc_part_reader, oc_part_reader_retain, oc_part_reader_release>;
 using part_set_handle = handle<oc_part_set, oc_part_set_retain, oc_part_set_release>;
+using cursor_handle = handle<oc_cursor, oc_cursor_retain, oc_cursor_release>;
 
 #ifdef OUTCROP_NO_EXCEPTIONS
 
@@ -103,6 +104,7 @@ using scene = scene_handle;
 using frame = frame_handle;
 using mapping = mapping_handle;
 using part_reader = part_reader_handle;
+using cursor = cursor_handle;
 
 #else
 
@@ -169,6 +171,49 @@ class part_set : public part_set_handle {
     }
 };
 
+/// The nodes of a model's trees, one at a time, in any order. For one thread at a time.
+class cursor : public cursor_handle {
+  public:
+    cursor() = default;
+    using cursor_handle::handle;
+    /// The root of a tree; OC_NO_ID if it has no triangles.
+    std::uint64_t root(std::uint32_t tree = 0) const {
+        std::uint64_t node = OC_NO_ID;
+        check(oc_cursor_root(get(), tree, &node));
+        return node;
+    }
+    /// Where walks of the whole model begin.
+    std::vector<oc_tree_place> places() const {
+        std::uint64_t count = 0;
+        check(oc_cursor_places(get(), nullptr, 0, &count));
+        std::vector<oc_tree_place> found(static_cast<std::size_t>(count));
+        check(oc_cursor_places(get(), found.data(), count, &count));
+        return found;
+    }
+    oc_node node(std::uint64_t id) const {
+        auto s = init<oc_node>();
+        check(oc_cursor_node(get(), id, &s));
+        return s;
+    }
+    /// Fills a node that `init` has initialised.
+    void node(std::uint64_t id, oc_node &out) const { check(oc_cursor_node(get(), id, &out)); }
+    /// Replaces the content of `out` by the triangles of a leaf.
+    void triangles(std::uint64_t leaf, std::vector<oc_node_triangle> &out, bool with_prims = true) const {
+        std::uint64_t count = 0;
+        out.resize(64);
+        check(oc_cursor_triangles(get(), leaf, with_prims, out.data(), out.size(), &count));
+        out.resize(static_cast<std::size_t>(count));
+    }
+    /// The ids of all nodes of a block.
+    std::vector<std::uint64_t> block_nodes(std::uint32_t block) const {
+        std::uint64_t count = 0;
+        check(oc_cursor_block_nodes(get(), block, nullptr, 0, &count));
+        std::vector<std::uint64_t> found(static_cast<std::size_t>(count));
+        check(oc_cursor_block_nodes(get(), block, found.data(), count, &count));
+        return found;
+    }
+};
+
 class model : public model_handle {
   public:
     model() = default;
@@ -197,6 +242,12 @@ class model : public model_handle {
         part_reader reader;
         check(oc_model_read_part(get(), part, reader.put()));
         return reader;
+    }
+    /// Walks the trees of the model. `bytes`: memory for blocks that it reads, 0: 4 MiB.
+    class cursor cursor(oc_cursor_flags flags = 0, std::uint64_t bytes = 0) const {
+        class cursor c;
+        check(oc_cursor_create(get(), flags, bytes, c.put()));
+        return c;
     }
     /// The transform that gives the model this up axis and unit, for `scene::add`.
     std::array<double, 12> placement(oc_up_axis up, double metres_per_unit = 0,

@@ -21,6 +21,7 @@ const SOURCES: &[&str] = &[
     "query_f32.rs",
     "geometry.rs",
     "crossings.rs",
+    "cursor.rs",
     "inside.rs",
     "overlap.rs",
     "clash.rs",

@@ -5,6 +5,7 @@ use outcrop::capi::clash::{oc_clash, oc_clash_desc, oc_clash_summary};
 use outcrop::capi::contents::{oc_material, oc_part};
 use outcrop::capi::context::{oc_context_desc, oc_executor};
 use outcrop::capi::crossings::oc_crossing;
+use outcrop::capi::cursor::{oc_node, oc_node_triangle, oc_tree_place};
 use outcrop::capi::fit::{oc_fit, oc_part_ref};
 use outcrop::capi::frame::{oc_frame_accuracy, oc_frame_desc, oc_frame_settings};
 use outcrop::capi::geometry::oc_triangle;
@@ -86,6 +87,12 @@ fn layouts() -> Vec<Layout> {
         oc_hit_f32 { t, normal, uv, part, instance, prim, kind }
         oc_query_f32 { struct_size, want, flags, reserved, rays, columns, count, stride }
         oc_triangle { corners, part, prim, normals, reserved }
+        oc_node {
+            struct_size, tree, child_count, triangle_count, leaf_children, part, bounds_min, bounds_max, children,
+            child_bounds,
+        }
+        oc_node_triangle { corners, prim, part, tree }
+        oc_tree_place { model_from_tree, root, tree, first_part }
         oc_crossing { t, part, instance, prim, normal, uv, error, side, kind }
         oc_part_at { instance, part, winding, holds }
         oc_overlap { instance, part, kind, reserved }

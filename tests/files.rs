@@ -6,6 +6,7 @@ mod build_limits;
 mod cancelled_builds;
 mod common;
 mod contact_sheet;
+mod cursor;
 mod failing_builds;
 mod faults;
 mod format;

@@ -278,7 +278,8 @@ def python_type(member: Member, header: Header) -> tuple[str, str]:
         return "str | None", "None"
     if member.length:
         zero = SCALARS[member.type][2]
-        return "Vector", f"({', '.join([zero] * member.length)})"
+        listed = f"({', '.join([zero] * member.length)})"
+        return "Vector", listed if member.length <= 12 else f"({zero},) * {member.length}"
     if member.type in header.enums:
         enum = camel(member.type)
         first = min(value for name, value, _ in header.constants if enum_of(name, header) == member.type)

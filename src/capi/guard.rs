@@ -22,6 +22,8 @@ pub(crate) enum Failure {
         need: u64,
         have: u64,
     },
+    /// Number of a block that is not in memory and may not be read.
+    Missing(u32),
 }
 
 pub(crate) type Checked<T> = Result<T, Failure>;
@@ -101,6 +103,10 @@ fn report(failure: Failure) -> oc_status {
         Failure::TooSmall { need, have } => {
             keep(format!("{need} elements do not fit into an array of {have}"), 0);
             OC_STATUS_BUFFER_TOO_SMALL
+        }
+        Failure::Missing(block) => {
+            keep(format!("block {block} is not in memory"), 0);
+            OC_STATUS_MISSING
         }
     }
 }
@@ -221,10 +227,20 @@ impl<T: Sized32> Fill<T> {
 
     /// Writes all members except `struct_size`, as far as the caller's struct has them.
     pub(crate) fn with(self, value: T) {
+        // SAFETY: the value is of the struct's own type.
+        unsafe { self.with_same(&value) }
+    }
+
+    /// [`Fill::with`], from another type that has the same members in the same places.
+    ///
+    /// # Safety
+    /// The bytes of any `U` are a valid `T`.
+    pub(crate) unsafe fn with_same<U>(self, value: &U) {
+        const { assert!(size_of::<T>() == size_of::<U>()) };
         let skip = size_of::<u32>();
         // SAFETY: both structs have `size` bytes (`size_at`), which is more than `skip`.
         unsafe {
-            let from = (&raw const value).cast::<u8>().add(skip);
+            let from = (&raw const *value).cast::<u8>().add(skip);
             self.pointer.cast::<u8>().add(skip).copy_from_nonoverlapping(from, self.size - skip);
         }
     }

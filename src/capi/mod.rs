@@ -14,6 +14,7 @@ pub mod clash;
 pub mod contents;
 pub mod context;
 pub mod crossings;
+pub mod cursor;
 pub mod fit;
 pub(crate) mod fork;
 pub mod frame;

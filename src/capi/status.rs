@@ -23,6 +23,9 @@ pub const OC_STATUS_INVALID_STATE: oc_status = 101;
 pub const OC_STATUS_BUFFER_TOO_SMALL: oc_status = 102;
 /// The calling program: the work was cancelled on request.
 pub const OC_STATUS_CANCELLED: oc_status = 103;
+/// The calling program: the block of a node is not in memory, and a cursor with OC_CURSOR_NOW does not read it. Nothing
+/// changed.
+pub const OC_STATUS_MISSING: oc_status = 104;
 /// The file: an input file of a build cannot be parsed.
 pub const OC_STATUS_PARSE: oc_status = 200;
 /// The file: the model file is damaged, is not a model, or has an older format.
@@ -65,6 +68,7 @@ pub extern "C" fn oc_status_name(status: oc_status) -> *const c_char {
         OC_STATUS_INVALID_STATE => c"OC_STATUS_INVALID_STATE",
         OC_STATUS_BUFFER_TOO_SMALL => c"OC_STATUS_BUFFER_TOO_SMALL",
         OC_STATUS_CANCELLED => c"OC_STATUS_CANCELLED",
+        OC_STATUS_MISSING => c"OC_STATUS_MISSING",
         OC_STATUS_PARSE => c"OC_STATUS_PARSE",
         OC_STATUS_CORRUPT => c"OC_STATUS_CORRUPT",
         OC_STATUS_VERSION_MISMATCH => c"OC_STATUS_VERSION_MISMATCH",

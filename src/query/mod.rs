@@ -1,5 +1,5 @@
 //! Queries to a scene: closest and any hits of rays in batches, all crossings of rays, and overlaps of boxes and frusta
-//! with parts.
+//! with parts. The cursor returns the nodes of a model to programs that walk its trees by themselves.
 #![forbid(unsafe_code)]
 
 mod single;
@@ -11,6 +11,7 @@ mod beyond;
 mod chunk;
 pub mod clash;
 pub mod crossings;
+pub mod cursor;
 pub mod geometry;
 pub mod hit;
 pub mod inside;
@@ -22,9 +23,11 @@ mod sweep;
 mod volume;
 
 pub use crate::geom::Side;
+pub use crate::structure::Node;
 pub(crate) use answers::stand_in;
 pub use batch::{AHEAD, Hits, PACKET, Policy, Query, QueryOptions, QueryState, QueryStatus, Rays};
 pub use crossings::Crossing;
+pub use cursor::{CURSOR_BYTES, Cursor, CursorOptions, Found, NodeTriangle, TreePlace};
 pub use geometry::{PartReader, StoredTriangle};
 pub use hit::{Hit, HitKind, NONE, Want};
 pub use inside::{Holds, PartAt};

@@ -30,6 +30,7 @@ mod lease;
 mod lease_tests;
 mod links;
 mod load;
+mod own;
 #[allow(unsafe_code)] // calls `madvise`
 mod pages;
 mod pressure;
@@ -55,6 +56,7 @@ pub use companion::CompanionRoom;
 pub use kept::{Kept, UNCOUNTED, counted};
 pub use lease::Lease;
 pub use links::{Entries, MOST_NODES, Reference, Statements};
+pub use own::OwnBlocks;
 pub use pump::Fetchers;
 pub use slots::Slot;
 pub use snapshot::{Shown, Snapshot};

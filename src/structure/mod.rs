@@ -3,9 +3,9 @@
 //! The interface consists of these modules: `ray` (rays in a tree's frame), `hit` (results of walks), `filter` (tests
 //! that reject hits), `place` and `cursor` (descent through a tree of any structure), `walk`, `packet` and `stream`
 //! (the state of rays), `tree` (one enum over all structures: rays in, hits out), `open` (from a file to its trees, and
-//! the decoder for residency), `bake` (triangles in, blocks out), `pairs` (walks through pairs of trees), `streams`
-//! (per-triangle numbers in blocks of their own), `fallback` (packets and streams for a structure that traces single
-//! rays only).
+//! the decoder for residency), `nodes` (nodes by their places, for programs that walk trees by themselves), `bake`
+//! (triangles in, blocks out), `pairs` (walks through pairs of trees), `streams` (per-triangle numbers in blocks of
+//! their own), `fallback` (packets and streams for a structure that traces single rays only).
 //!
 //! Each structure is a folder with three main modules: `build` (triangles in, blocks out), `layout` (the bytes of a
 //! block, shared by baking and tracing) and `trace` (rays in, hits out). A new structure needs such a folder, a variant
@@ -23,6 +23,7 @@ pub mod cursor;
 pub mod fallback;
 pub mod filter;
 pub mod hit;
+pub mod nodes;
 pub mod open;
 pub mod packet;
 mod packet_boxes;
@@ -44,6 +45,8 @@ pub mod walk;
 pub use cursor::{Below, Descent, for_each_triangle};
 pub use filter::{PartFilter, ShownBlock, ShownBlocks, Within};
 pub use hit::{Counters, Outcome, StandIn, TriHit, Triangle};
+pub use nodes::{LeafTriangle, Node};
+pub use open::Nodes;
 pub use packet::PacketWalk;
 pub use par::Par;
 pub use place::{Place, Rooted};

@@ -4,6 +4,8 @@ use super::Structure;
 #[cfg(any(test, feature = "brute"))]
 use super::brute;
 use super::bvh;
+use super::hit::Triangle;
+use super::nodes::{LeafTriangle, Node, Starts};
 use super::place::Place;
 use super::resident::Forms;
 use super::tree::{Blocks, Tree, Visit};
@@ -187,6 +189,16 @@ impl StoredTree {
         root.map(|(block, number)| (BlockId(block), number))
     }
 
+    /// Finds nodes in the blocks of the tree.
+    pub fn nodes(&self) -> Nodes {
+        let kind = match &self.start {
+            Start::Bvh(own) => NodesOf::Bvh(own.leaves_at()),
+            #[cfg(any(test, feature = "brute"))]
+            Start::Brute(_) => NodesOf::Brute,
+        };
+        Nodes { kind, tree: self.index, origin: self.origin.to_array() }
+    }
+
     /// Place where walks begin; `None` for an empty tree.
     pub fn root(&self) -> Option<Place> {
         self.start().map(|(block, item)| Place { block: block.0, item })
@@ -202,6 +214,72 @@ impl StoredTree {
         };
         let forms = snapshot.companion::<Forms>();
         Tree::new(blocks, forms.and_then(|forms| forms.of(self.index)))
+    }
+}
+
+/// Finds nodes in the blocks of a tree.
+#[derive(Debug, Clone, Copy)]
+pub struct Nodes {
+    kind: NodesOf,
+    tree: u32,
+    origin: [f64; 3],
+}
+
+/// How nodes lie in blocks, for each structure.
+#[derive(Debug, Clone, Copy)]
+enum NodesOf {
+    /// Offset from the id of a fine block to that of its leaf block.
+    Bvh(u32),
+    #[cfg(any(test, feature = "brute"))]
+    Brute,
+}
+
+impl Nodes {
+    /// Index of the tree.
+    pub fn tree(&self) -> u32 {
+        self.tree
+    }
+
+    /// Finds the node at a place in the words of the place's block, which is one of the tree. Returns false if there is
+    /// none; `node` has no meaning then.
+    #[inline]
+    pub fn node(&self, words: &[u32], place: Place, starts: &mut Starts, node: &mut Node) -> bool {
+        node.tree = self.tree;
+        match self.kind {
+            NodesOf::Bvh(leaves_at) => bvh::nodes::node(words, place, (leaves_at, &self.origin), starts, node),
+            #[cfg(any(test, feature = "brute"))]
+            NodesOf::Brute => brute::nodes::node(words, place, &self.origin, node),
+        }
+    }
+
+    /// Visits the triangles of the leaf at a place. Returns false if there is no leaf.
+    pub fn triangles(
+        &self,
+        words: &[u32],
+        place: Place,
+        starts: &mut Starts,
+        visit: &mut dyn FnMut(LeafTriangle),
+    ) -> bool {
+        let origin = DVec3::from_array(self.origin);
+        let visit = |number: u32, triangle: Triangle| {
+            let corners = triangle.vertices.map(|v| v.as_dvec3() + origin);
+            visit(LeafTriangle { corners, part: triangle.part, number });
+        };
+        match self.kind {
+            NodesOf::Bvh(_) => bvh::nodes::triangles(words, place, starts, visit),
+            #[cfg(any(test, feature = "brute"))]
+            NodesOf::Brute => brute::nodes::triangles(words, place, visit),
+        }
+    }
+
+    /// Returns the places of all nodes of a block, in the block's order.
+    pub fn all(&self, words: &[u32], block: u32) -> Vec<Place> {
+        let items = match self.kind {
+            NodesOf::Bvh(_) => bvh::nodes::items(words),
+            #[cfg(any(test, feature = "brute"))]
+            NodesOf::Brute => brute::nodes::items(words),
+        };
+        items.into_iter().map(|item| Place { block, item }).collect()
     }
 }
 

@@ -638,6 +638,103 @@ static void lying_sources(oc_context *c) {
     oc_model_release(m);
 }
 
+/* Nodes by numbers that the caller may have from anywhere. */
+static void cursors(oc_model *m) {
+    oc_cursor *cursor = NULL, *now = NULL;
+    INVALID(oc_cursor_create(NULL, 0, 0, &cursor));
+    INVALID(oc_cursor_create(m, 0, 0, NULL));
+    INVALID(oc_cursor_create(m, 2, 0, &cursor));
+    INVALID(oc_cursor_create(m, 0xffffffff, 0, &cursor));
+    INVALID(oc_cursor_create(m, 0, 1, &cursor));
+    CHECK(strstr(oc_last_error(), "at least"));
+    EXPECT(OC_STATUS_OVER_BUDGET, oc_cursor_create(m, 0, UINT64_MAX / 2, &cursor));
+    EXPECT(OC_STATUS_OVER_BUDGET, oc_cursor_create(m, 0, UINT64_MAX, &cursor));
+    CHECK(!cursor);
+    OK(oc_cursor_create(m, 0, 0, &cursor));
+    OK(oc_cursor_create(m, OC_CURSOR_NOW, UINT64_MAX, &now));
+
+    uint64_t root = 77, count = 77;
+    INVALID(oc_cursor_root(NULL, 0, &root));
+    INVALID(oc_cursor_root(cursor, 0, NULL));
+    INVALID(oc_cursor_root(cursor, 1, &root));
+    INVALID(oc_cursor_root(cursor, 0xffffffff, &root));
+    INVALID(oc_cursor_root((oc_cursor *)m, 0, &root));
+    CHECK(root == 77);
+    OK(oc_cursor_root(cursor, 0, &root));
+
+    oc_tree_place places[2];
+    INVALID(oc_cursor_places(NULL, places, 2, &count));
+    INVALID(oc_cursor_places(cursor, NULL, 2, &count));
+    INVALID(oc_cursor_places(cursor, places, 2, NULL));
+    INVALID(oc_cursor_places(cursor, places, UINT64_MAX, &count));
+    CHECK(count == 77);
+    OK(oc_cursor_places(cursor, NULL, 0, &count));
+    CHECK(count == 1);
+    OK(oc_cursor_places(now, places, 2, &count));
+    CHECK(count == 1 && places[0].root == root && places[0].tree == 0 && places[0].model_from_tree[0] == 1);
+
+    oc_node node;
+    OC_INIT(&node);
+    INVALID(oc_cursor_node(NULL, root, &node));
+    INVALID(oc_cursor_node(cursor, root, NULL));
+    GARBAGE_SIZES(oc_node, oc_cursor_node(cursor, root, s));
+    double nan = NAN;
+    uint64_t foreign[] = {UINT64_MAX, UINT64_MAX - 1, root + 77, root ^ 1ull << 63, root ^ 1ull << 31, root ^ 0x4000,
+                          root ^ 0x8000, root ^ 0xc000, root + (1ull << 32), 0};
+    memcpy(&foreign[9], &nan, sizeof nan);
+    oc_node_triangle triangles[8];
+    uint64_t ids[32];
+    for (size_t i = 0; i < sizeof foreign / sizeof *foreign; i++) {
+        INVALID(oc_cursor_node(cursor, foreign[i], &node));
+        INVALID(oc_cursor_triangles(cursor, foreign[i], 1, triangles, 8, &count));
+        CHECK(strstr(oc_last_error(), "is not the id of a node"));
+    }
+    CHECK(node.child_count == 0);
+    OK(oc_cursor_node(cursor, root, &node));
+    CHECK(node.child_count > 0 && node.child_count <= 8 && node.triangle_count == 0 && node.part == 0);
+    CHECK(node.bounds_min[0] <= 0 && node.bounds_min[0] > -0.01 && node.bounds_max[0] >= 1 && node.bounds_max[0] < 1.01);
+
+    uint64_t all = 0;
+    for (uint32_t i = 0; i < node.child_count; i++) {
+        CHECK(node.leaf_children >> i & 1); /* so small is the model */
+        const uint64_t leaf = node.children[i];
+        INVALID(oc_cursor_triangles(NULL, leaf, 1, triangles, 8, &count));
+        INVALID(oc_cursor_triangles(cursor, leaf, 2, triangles, 8, &count));
+        INVALID(oc_cursor_triangles(cursor, leaf, 1, NULL, 8, &count));
+        INVALID(oc_cursor_triangles(cursor, leaf, 1, triangles, 8, NULL));
+        OK(oc_cursor_triangles(cursor, leaf, 1, NULL, 0, &count));
+        CHECK(count > 0 && count <= 4);
+        if (count > 1) {
+            EXPECT(OC_STATUS_BUFFER_TOO_SMALL, oc_cursor_triangles(cursor, leaf, 1, triangles, count - 1, &count));
+        }
+        OK(oc_cursor_triangles(cursor, leaf, 1, triangles, 8, &count));
+        for (uint64_t k = 0; k < count; k++)
+            CHECK(triangles[k].prim < 4 && triangles[k].part == 0 && triangles[k].tree == 0);
+        OK(oc_cursor_triangles(now, leaf, 0, triangles, 8, &count));
+        CHECK(triangles[0].prim == OC_NO_ID);
+        all += count;
+    }
+    CHECK(all == 4);
+    INVALID(oc_cursor_triangles(cursor, root, 0, triangles, 8, &count));
+    CHECK(strstr(oc_last_error(), "no such leaf"));
+
+    INVALID(oc_cursor_block_nodes(NULL, 0, ids, 32, &count));
+    INVALID(oc_cursor_block_nodes(cursor, 0, NULL, 32, &count));
+    INVALID(oc_cursor_block_nodes(cursor, 0, ids, 32, NULL));
+    INVALID(oc_cursor_block_nodes(cursor, 1, ids, 32, &count));
+    INVALID(oc_cursor_block_nodes(cursor, 0xffffffff, ids, 32, &count));
+    EXPECT(OC_STATUS_BUFFER_TOO_SMALL, oc_cursor_block_nodes(cursor, 0, ids, 1, &count));
+    OK(oc_cursor_block_nodes(cursor, 0, ids, 32, &count));
+    CHECK(count == node.child_count + 1);
+
+    oc_cursor_retain(cursor);
+    oc_cursor_release(cursor);
+    oc_cursor_release(cursor);
+    oc_cursor_release(now);
+    oc_cursor_release(NULL);
+    oc_cursor_retain(NULL);
+}
+
 static void geometry(oc_scene *s0, oc_model *m) {
     oc_part_reader *reader = NULL;
     INVALID(oc_model_read_part(NULL, 7, &reader));
@@ -666,6 +763,7 @@ static void geometry(oc_scene *s0, oc_model *m) {
     oc_part_reader_release(reader);
     oc_part_reader_release(NULL);
     oc_part_reader_retain(NULL);
+    cursors(m);
 
     oc_hit hit;
     memset(&hit, 0, sizeof hit);

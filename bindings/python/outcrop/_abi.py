@@ -294,6 +294,33 @@ class oc_crossing(c.Structure):
     ]
 
 
+class oc_tree_place(c.Structure):
+    """A place of a tree in its model. Element of an array."""
+
+    _fields_ = [
+        ("model_from_tree", c.c_double * 12), ("root", c.c_uint64), ("tree", c.c_uint32), ("first_part", c.c_uint32),
+    ]
+
+
+class oc_node(Sized):
+    """A node of a tree: a leaf, which has triangles, or a node with children."""
+
+    _fields_ = [
+        ("struct_size", c.c_uint32), ("tree", c.c_uint32), ("child_count", c.c_uint32),
+        ("triangle_count", c.c_uint32), ("leaf_children", c.c_uint32), ("part", c.c_uint32),
+        ("bounds_min", c.c_double * 3), ("bounds_max", c.c_double * 3), ("children", c.c_uint64 * 8),
+        ("child_bounds", c.c_double * 48),
+    ]
+
+
+class oc_node_triangle(c.Structure):
+    """A triangle of a leaf. Element of an array."""
+
+    _fields_ = [
+        ("corners", c.c_double * 9), ("prim", c.c_uint64), ("part", c.c_uint32), ("tree", c.c_uint32),
+    ]
+
+
 class oc_part_at(c.Structure):
     """A part at a point. Element of an array."""
 
@@ -411,9 +438,9 @@ class oc_pixels(Sized):
 STRUCTS: list[type[c.Structure]] = [
     oc_progress, oc_executor, oc_context_desc, oc_camera, oc_ray, oc_plane, oc_resolved, oc_build_desc, oc_material,
     oc_part, oc_triangles, oc_build_report, oc_io, oc_model_info, oc_part_info, oc_light, oc_background, oc_look,
-    oc_query, oc_hit, oc_ray_f32, oc_rays_soa, oc_query_f32, oc_hit_f32, oc_triangle, oc_crossing, oc_part_at,
-    oc_overlap, oc_clash_desc, oc_clash, oc_clash_summary, oc_fit, oc_part_ref, oc_target, oc_frame_desc,
-    oc_frame_settings, oc_frame_accuracy, oc_pixels,
+    oc_query, oc_hit, oc_ray_f32, oc_rays_soa, oc_query_f32, oc_hit_f32, oc_triangle, oc_crossing, oc_tree_place,
+    oc_node, oc_node_triangle, oc_part_at, oc_overlap, oc_clash_desc, oc_clash, oc_clash_summary, oc_fit, oc_part_ref,
+    oc_target, oc_frame_desc, oc_frame_settings, oc_frame_accuracy, oc_pixels,
 ]
 """All structs, in the order of the header."""
 
@@ -490,6 +517,14 @@ class Functions:
     oc_part_reader_release: Callable[..., None]
     oc_scene_triangles: Callable[..., int]
     oc_scene_crossings: Callable[..., int]
+    oc_cursor_create: Callable[..., int]
+    oc_cursor_root: Callable[..., int]
+    oc_cursor_places: Callable[..., int]
+    oc_cursor_node: Callable[..., int]
+    oc_cursor_triangles: Callable[..., int]
+    oc_cursor_block_nodes: Callable[..., int]
+    oc_cursor_retain: Callable[..., None]
+    oc_cursor_release: Callable[..., None]
     oc_scene_parts_at: Callable[..., int]
     oc_scene_thickness: Callable[..., int]
     oc_scene_overlap_box: Callable[..., int]
@@ -598,6 +633,14 @@ SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "oc_scene_crossings": (c.c_uint32, [
         c.c_void_p, c.c_void_p, c.c_void_p, c.c_uint64, c.c_void_p, c.c_void_p, c.c_void_p,
     ]),
+    "oc_cursor_create": (c.c_uint32, [c.c_void_p, c.c_uint32, c.c_uint64, c.c_void_p]),
+    "oc_cursor_root": (c.c_uint32, [c.c_void_p, c.c_uint32, c.c_void_p]),
+    "oc_cursor_places": (c.c_uint32, [c.c_void_p, c.c_void_p, c.c_uint64, c.c_void_p]),
+    "oc_cursor_node": (c.c_uint32, [c.c_void_p, c.c_uint64, c.c_void_p]),
+    "oc_cursor_triangles": (c.c_uint32, [c.c_void_p, c.c_uint64, c.c_uint32, c.c_void_p, c.c_uint64, c.c_void_p]),
+    "oc_cursor_block_nodes": (c.c_uint32, [c.c_void_p, c.c_uint32, c.c_void_p, c.c_uint64, c.c_void_p]),
+    "oc_cursor_retain": (None, [c.c_void_p]),
+    "oc_cursor_release": (None, [c.c_void_p]),
     "oc_scene_parts_at": (c.c_uint32, [
         c.c_void_p, c.c_void_p, c.c_uint64, c.c_uint64, c.c_void_p, c.c_uint64, c.c_void_p, c.c_void_p,
     ]),
@@ -649,10 +692,11 @@ FALLIBLE = frozenset([
     "oc_scene_set_parts_look", "oc_scene_isolate", "oc_scene_set_model", "oc_scene_clear_part_looks",
     "oc_scene_closest", "oc_scene_any", "oc_scene_closest_start", "oc_scene_any_start", "oc_scene_closest_f32",
     "oc_scene_any_f32", "oc_model_read_part", "oc_part_reader_next", "oc_scene_triangles", "oc_scene_crossings",
-    "oc_scene_parts_at", "oc_scene_thickness", "oc_scene_overlap_box", "oc_scene_overlap_frustum",
-    "oc_part_set_create", "oc_part_set_add_instance", "oc_part_set_add_part", "oc_scene_clash_start",
-    "oc_job_take_clashes", "oc_job_clash_summary", "oc_scene_fit", "oc_frame_create", "oc_frame_request",
-    "oc_frame_poll", "oc_frame_wait", "oc_frame_cancel", "oc_frame_resize", "oc_frame_set_wake",
+    "oc_cursor_create", "oc_cursor_root", "oc_cursor_places", "oc_cursor_node", "oc_cursor_triangles",
+    "oc_cursor_block_nodes", "oc_scene_parts_at", "oc_scene_thickness", "oc_scene_overlap_box",
+    "oc_scene_overlap_frustum", "oc_part_set_create", "oc_part_set_add_instance", "oc_part_set_add_part",
+    "oc_scene_clash_start", "oc_job_take_clashes", "oc_job_clash_summary", "oc_scene_fit", "oc_frame_create",
+    "oc_frame_request", "oc_frame_poll", "oc_frame_wait", "oc_frame_cancel", "oc_frame_resize", "oc_frame_set_wake",
     "oc_frame_get_accuracy", "oc_frame_pick", "oc_frame_pick_near", "oc_frame_map", "oc_scene_prefetch_box",
     "oc_scene_prefetch_camera",
 ])

@@ -54,6 +54,22 @@ TRIANGLE = numpy.dtype({
     "offsets": [getattr(_abi.oc_triangle, name).offset for name in ("corners", "part", "prim", "normals")],
     "itemsize": c.sizeof(_abi.oc_triangle)})
 """dtype of a stored triangle: corners (3, 3), part, prim, normals (3, 3)."""
+NODE = numpy.dtype({
+    "names": ["tree", "child_count", "triangle_count", "leaf_children", "part", "bounds", "children", "child_bounds"],
+    "formats": [numpy.uint32] * 5 + [(numpy.float64, (2, 3)), (numpy.uint64, (8,)), (numpy.float64, (8, 2, 3))],
+    "offsets": [getattr(_abi.oc_node, name).offset for name in (
+        "tree", "child_count", "triangle_count", "leaf_children", "part", "bounds_min", "children", "child_bounds")],
+    "itemsize": c.sizeof(_abi.oc_node)})
+"""dtype of a node of a tree: tree, child_count, triangle_count, leaf_children, part, bounds (2, 3), children (8),
+child_bounds (8, 2, 3): least and greatest corners. See `Node`."""
+NODE_TRIANGLE = numpy.dtype({
+    "names": ["corners", "prim", "part", "tree"],
+    "formats": [(numpy.float64, (3, 3)), numpy.uint64, numpy.uint32, numpy.uint32],
+    "offsets": [getattr(_abi.oc_node_triangle, name).offset for name in ("corners", "prim", "part", "tree")],
+    "itemsize": c.sizeof(_abi.oc_node_triangle)})
+"""dtype of a triangle of a leaf: corners (3, 3), prim, part, tree. See `NodeTriangle`."""
+TREE_PLACE = dtype_of(_abi.oc_tree_place)
+"""dtype of a place of a tree: model_from_tree (12 numbers by column), root, tree, first_part. See `TreePlace`."""
 PLANE = dtype_of(_abi.oc_plane)
 """dtype of a half space: normal, d. See `Plane`."""
 

@@ -31,6 +31,10 @@ class Status(enum.IntEnum):
     """The calling program: the array is too small. The required count was written, nothing else."""
     CANCELLED = 103
     """The calling program: the work was cancelled on request."""
+    MISSING = 104
+    """The calling program: the block of a node is not in memory, and a cursor with CursorFlags.NOW does not read it.
+    Nothing changed.
+    """
     PARSE = 200
     """The file: an input file of a build cannot be parsed."""
     CORRUPT = 201
@@ -388,6 +392,13 @@ class Side(enum.IntEnum):
     """The other side, where a ray leaves such a solid."""
 
 
+class CursorFlags(enum.IntFlag):
+    """Flags of oc_cursor_create."""
+
+    NOW = 1
+    """The cursor never reads. A call that needs a block which is not in memory returns Status.MISSING."""
+
+
 class Holds(enum.IntEnum):
     """The relation of a part to a point."""
 
@@ -549,6 +560,6 @@ class Format(enum.IntEnum):
 __all__ = [
     "Status", "State", "Phase", "LogLevel", "InstructionSet", "ContextFlags", "Property", "CameraKind", "Structure",
     "Splits", "Resolution", "StandIns", "Scalar", "Index", "UpAxis", "PartFlags", "PlacementFlags", "LightKind",
-    "LookFlags", "PartsFlags", "Want", "QueryFlags", "HitKind", "Side", "Holds", "OverlapKind", "ClashDetail",
-    "ClashSkipFlags", "ClashKind", "ClashOpenFlags", "View", "Buffer", "FrameFlags", "Format",
+    "LookFlags", "PartsFlags", "Want", "QueryFlags", "HitKind", "Side", "CursorFlags", "Holds", "OverlapKind",
+    "ClashDetail", "ClashSkipFlags", "ClashKind", "ClashOpenFlags", "View", "Buffer", "FrameFlags", "Format",
 ]

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from . import _abi
 from ._arrays import TRIANGLE, Array, address
-from ._enums import PlacementFlags, UpAxis
+from ._cursor import Cursor
+from ._enums import CursorFlags, PlacementFlags, UpAxis
 from ._handles import Handle, made
 from ._library import lib
 from ._value import real, whole
@@ -98,6 +99,15 @@ class Model(Handle):
         found = numpy.empty(sum(map(len, some)), TRIANGLE)
         # Without `out` the result would have another layout.
         return numpy.concatenate(some, out=found) if some else found
+
+    def cursor(self, *, now: bool = False, memory: int = 0) -> Cursor:
+        """Returns a cursor, which reads the nodes of the model's trees one at a time. For one thread at a time.
+
+        now: the cursor never reads. A node that is not in memory raises StateError with Status.MISSING.
+        memory: bytes of the context's budget for blocks that the cursor reads. 0: 4 MiB.
+        """
+        flags = CursorFlags.NOW if now else CursorFlags(0)
+        return Cursor(made(lib.oc_cursor_create, self._h, flags, whole("memory", memory)))
 
     def view(self, number: int = 0) -> Camera:
         """Returns a perspective camera: 0 and 1 show the whole model, 2 and 3 are closer. See `Scene.fit`."""

@@ -507,6 +507,80 @@ class Crossing(Value):
 
 
 @dataclass
+class TreePlace(Value):
+    """A place of a tree in its model. Element of an array.
+
+    Tree 0 holds the triangles that are placed directly; each other tree holds a shared mesh, or some of a large
+    one, and has a place for each of its instances.
+    """
+
+    _struct = _abi.oc_tree_place
+
+    model_from_tree: Vector = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    """Transform from the coordinates of the tree to the model, by column: x axis, y axis, z axis, origin."""
+    root: int = 0
+    """Id of the root of the tree."""
+    tree: int = 0
+    """Index of the tree."""
+    first_part: int = 0
+    """Index, for oc_model_get_part, of part 0 of the tree in this place: part p of a node or a triangle has index
+    `first_part` + p.
+    """
+
+
+@dataclass
+class Node(Value):
+    """A node of a tree: a leaf, which has triangles, or a node with children.
+
+    Boxes are in double precision, rounded outward, in the coordinates of the tree, see TreePlace. The box of a
+    child holds all triangles below; of triangles that the build divided (see `splits` of BuildOptions) the pieces
+    that are below. `bounds_min` and `bounds_max` are around the boxes of the children, or around all corners of a
+    leaf.
+    """
+
+    _struct = _abi.oc_node
+
+    tree: int = 0
+    """Index of the tree."""
+    child_count: int = 0
+    """Number of children, at most 8. 0: the node is a leaf."""
+    triangle_count: int = 0
+    """Number of triangles of a leaf, at most 64. 0: the node has children."""
+    leaf_children: int = 0
+    """Bit i: child i is a leaf."""
+    part: int = 0
+    """Number, in the tree, of the part that all triangles below belong to. OC_NO_INDEX: they belong to several, or
+    the model does not say. See TreePlace.
+    """
+    bounds_min: Vector = (0.0, 0.0, 0.0)
+    """Least corner of the box."""
+    bounds_max: Vector = (0.0, 0.0, 0.0)
+    """Greatest corner of the box."""
+    children: Vector = (0, 0, 0, 0, 0, 0, 0, 0)
+    """Ids of the children. OC_NO_ID behind the last."""
+    child_bounds: Vector = (0.0,) * 48
+    """Boxes of the children, 6 numbers each: least x, y, z, greatest x, y, z. 0 behind the last."""
+
+
+@dataclass
+class NodeTriangle(Value):
+    """A triangle of a leaf. Element of an array."""
+
+    _struct = _abi.oc_node_triangle
+
+    corners: Vector = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    """x, y, z of the first corner, of the second, of the third, in the coordinates of the tree, see TreePlace. The
+    stored positions are exact in double precision.
+    """
+    prim: int = 0
+    """Index of the triangle in the input of the build, from 0. OC_NO_ID if it was not asked for."""
+    part: int = 0
+    """Number of the part in the tree, see TreePlace."""
+    tree: int = 0
+    """Index of the tree."""
+
+
+@dataclass
 class PartAt(Value):
     """A part at a point. Element of an array."""
 
@@ -713,6 +787,6 @@ class Accuracy(Value):
 
 __all__ = [
     "Progress", "Camera", "Ray", "Plane", "BuildOptions", "Material", "Part", "ModelInfo", "PartInfo", "Light",
-    "Background", "Look", "RayF32", "HitF32", "Triangle", "Crossing", "PartAt", "Overlap", "Clash", "ClashSummary",
-    "Fit", "PartRef", "FrameSettings", "Accuracy",
+    "Background", "Look", "RayF32", "HitF32", "Triangle", "Crossing", "TreePlace", "Node", "NodeTriangle", "PartAt",
+    "Overlap", "Clash", "ClashSummary", "Fit", "PartRef", "FrameSettings", "Accuracy",
 ]

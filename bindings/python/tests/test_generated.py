@@ -27,6 +27,7 @@ NOT_CALLED = {
     "oc_mapping_retain": "Python counts the references",
     "oc_part_reader_retain": "Python counts the references",
     "oc_part_set_retain": "Python counts the references",
+    "oc_cursor_retain": "Python counts the references",
 }
 
 

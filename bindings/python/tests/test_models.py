@@ -129,3 +129,44 @@ def test_triangles_come_back(context: outcrop.Context, path: Path) -> None:
             assert len(hits) and (scene.triangles(hits)["prim"] == hits["prim"]).all()
             with pytest.raises(outcrop.ArgumentError, match="hit 0"):
                 scene.triangles(outcrop.empty_hits(1))
+
+
+def test_cursors_walk_trees(context: outcrop.Context, path: Path) -> None:
+    with context.open(path) as model, model.cursor() as cursor:
+        root = cursor.root()
+        assert root is not None
+        places = cursor.places
+        assert len(places) == 1 and places[0]["root"] == root and places[0]["tree"] == 0
+        assert places[0]["model_from_tree"].tolist() == [1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0]
+        found, seen, stack = [], set(), [root]
+        while stack:
+            node = cursor.node(stack.pop())
+            children = node["children"][:node["child_count"]]
+            for i, child in enumerate(map(int, children)):
+                seen.add(child)
+                if node["leaf_children"] >> i & 1:
+                    triangles = cursor.triangles(child)
+                    box = node["child_bounds"][i]
+                    assert (triangles["corners"] >= box[0]).all() and (triangles["corners"] <= box[1]).all()
+                    assert cursor.node(child)["triangle_count"] == len(triangles)
+                    found.append(triangles)
+                else:
+                    stack.append(child)
+            assert (node["bounds"][0] == node["child_bounds"][:len(children), 0].min(axis=0)).all()
+        own = numpy.concatenate(found)
+        expected = model.triangles(7)
+        order = numpy.argsort(own["prim"])
+        assert (own["corners"][order] == expected["corners"][numpy.argsort(expected["prim"])]).all()
+        assert model.parts[int(places[0]["first_part"] + own["part"][0])].id == 7
+        listed = numpy.concatenate([cursor.block_nodes(block) for block in range(model.info.blocks)])
+        assert set(listed.tolist()) == seen | {root}
+        with pytest.raises(outcrop.ArgumentError, match="is not the id of a node"):
+            cursor.node(outcrop.NO_ID)
+        with pytest.raises(outcrop.ArgumentError, match="no such leaf"):
+            cursor.triangles(root)
+        with pytest.raises(outcrop.ArgumentError, match="tree 1 does not exist"):
+            cursor.root(1)
+        with pytest.raises(outcrop.ArgumentError, match="at least"):
+            model.cursor(memory=1)
+        with model.cursor(now=True) as now:
+            assert now.node(root) == cursor.node(root)  # a small model is in memory

@@ -7,6 +7,7 @@ pub mod build;
 mod cells;
 mod decoder;
 pub mod layout;
+pub mod nodes;
 pub mod open;
 pub mod trace;
 

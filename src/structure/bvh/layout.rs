@@ -442,6 +442,12 @@ impl<'a> Block<'a> {
         StoredVoxel::new(*self, first + before.count_ones() as usize)
     }
 
+    /// The voxel of child `number` of node `index`: its number among the node's children, not its slot.
+    #[inline]
+    pub fn voxel_of(&self, index: usize, number: usize) -> StoredVoxel<'a> {
+        StoredVoxel::new(*self, self.words[self.words[4] as usize + index] as usize + number)
+    }
+
     /// The node at `index`.
     #[inline(always)]
     pub fn node(&self, index: usize) -> &'a Node {

@@ -53,6 +53,11 @@ impl Start {
         })
     }
 
+    /// See [`TreeView::leaves_at`].
+    pub fn leaves_at(&self) -> u32 {
+        self.leaves_at
+    }
+
     /// The block of the root and the root's number in it; `None` for an empty tree.
     pub fn root(&self) -> Option<(u32, u32)> {
         (self.root != TreeView::EMPTY).then_some((self.first_block, self.root))
