@@ -1171,8 +1171,8 @@ typedef struct oc_clash {
     /** Indices of the triangles in the inputs of the builds, from 0. OC_NO_ID: a clash of parts. */
     uint64_t prim[2];
     /**
-     * World space. Crossing, touching: an end of the common segment of two triangles. Clearance: the point of the first
-     * part that is nearest to the second. Contained: a corner of the part inside.
+     * World space. Crossing, touching: an end of the common segment of two triangles. Clearance: the point of the
+     * first part that is nearest to the second. Contained: a corner of the part inside.
      */
     double first_point[3];
     /**

@@ -21,6 +21,9 @@ fn cuboid(min: DVec3, max: DVec3) -> Vec<Tri> {
     faces.iter().flat_map(|f| [[f[0], f[1], f[2]], [f[0], f[2], f[3]]]).map(|t: [usize; 3]| t.map(at)).collect()
 }
 
+/// Instances, parts and primitive ids of a pair of triangles.
+type PairIds = ([u64; 2], [u64; 2], [u64; 2]);
+
 struct World {
     _context: Context,
     scene: Scene,
@@ -62,7 +65,7 @@ impl World {
     }
 
     /// All pairs of triangles of different parts that meet: parts with instances, indices, relation.
-    fn brute(&self) -> BTreeMap<([u64; 2], [u64; 2], [u64; 2]), Relation> {
+    fn brute(&self) -> BTreeMap<PairIds, Relation> {
         let mut tris = Vec::new();
         for (instance, place, parts) in &self.all {
             let mut prim = 0;

@@ -186,8 +186,8 @@ pub struct oc_clash {
     pub part: [u64; 2],
     /// Indices of the triangles in the inputs of the builds, from 0. OC_NO_ID: a clash of parts.
     pub prim: [u64; 2],
-    /// World space. Crossing, touching: an end of the common segment of two triangles. Clearance: the point of the first
-    /// part that is nearest to the second. Contained: a corner of the part inside.
+    /// World space. Crossing, touching: an end of the common segment of two triangles. Clearance: the point of the
+    /// first part that is nearest to the second. Contained: a corner of the part inside.
     pub first_point: [f64; 3],
     /// World space. Crossing, touching: the other end of the segment. Clearance: the point of the second part that is
     /// nearest to the first. Contained: the same corner.

@@ -278,8 +278,8 @@ mod tests {
             let s = a + b;
             let other = s - a;
             let error = (a - (s - other)) + (b - other);
-            prop_assert!(if error < 0.0 { low < s } else { low <= s });
-            prop_assert!(if error > 0.0 { high > s } else { high >= s });
+            prop_assert!(low < s || error >= 0.0 && low == s);
+            prop_assert!(high > s || error <= 0.0 && high == s);
             prop_assert!(low >= s.next_down() && high <= s.next_up());
             if low == high {
                 prop_assert_eq!(error, 0.0);

@@ -99,6 +99,7 @@ impl OneTree {
             proxies: None,
             isa: Isa::Baseline,
             accept_missing: false,
+            ties_by_place: false,
             stamp: 1,
             shown: None,
             stop: &outcrop::structure::NEVER,
