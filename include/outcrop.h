@@ -1162,7 +1162,10 @@ typedef uint32_t oc_clash_open_flags;
  * comes first, or the one that is first in the model.
  */
 typedef struct oc_clash {
-    /** Depends on the ids of instances, parts and triangles alone: the same clash of two searches has the same id. */
+    /**
+     * Depends on the ids of instances, parts and triangles alone, not on which part is the first: the same clash of
+     * two searches has the same id.
+     */
     uint64_t id;
     /** Ids of the instances. */
     uint64_t instance[2];
@@ -1184,7 +1187,7 @@ typedef struct oc_clash {
     double low[3];
     /** Greatest corner of that box. */
     double high[3];
-    /** Distance of the parts in world units. 0: they have common points. */
+    /** Distance of the parts in world units. 0: they have common points, or one is inside of the other. */
     double distance;
     /** Bound of the error of `distance`. */
     double error;
@@ -1795,7 +1798,7 @@ typedef struct oc_pixels {
 /** Pairs in one instance. */
 #define OC_CLASH_SKIP_SAME_INSTANCE 2
 
-/** Pairs in one instance whose parts have the same parent part. */
+/** Pairs in one instance whose parts have the same parent part, or both have none. */
 #define OC_CLASH_SKIP_SAME_PARENT 4
 
 /** Pairs of one model whose parts have equal materials. */
@@ -1810,7 +1813,7 @@ typedef struct oc_pixels {
 /** One part is inside of the other, which is closed. Their surfaces have no point in common. */
 #define OC_CLASH_CONTAINED 3
 
-/** They are apart, and their distance is at most the clearance. */
+/** They are apart, and their distance is at most the clearance, within `oc_clash.error`. */
 #define OC_CLASH_CLEARANCE 4
 
 /** The first part is not closed: nothing is known of its inside. */
@@ -3257,6 +3260,9 @@ oc_status oc_scene_clash_start(const struct oc_scene *scene,
 
 /**
  * Takes clashes that a job has found, in order. Each is returned once.
+ *
+ * Their order is that of the whole result: instances in the order added, then parts in the order of the model, then
+ * triangles. So none is there before all pairs were compared, and a job that is cancelled before that has none.
  *
  * - `out_clashes`: receives at most `capacity` clashes. May be NULL if `capacity` is 0.
  * - `out_count`: receives the number of clashes written; if `capacity` is 0, the number of those that wait.

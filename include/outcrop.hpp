@@ -104,6 +104,7 @@ using scene = scene_handle;
 using frame = frame_handle;
 using mapping = mapping_handle;
 using part_reader = part_reader_handle;
+using part_set = part_set_handle;
 using cursor = cursor_handle;
 
 #else

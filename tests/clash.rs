@@ -172,6 +172,45 @@ fn a_part_in_a_part_is_contained() {
     assert_eq!(one.clash(&options).0[0].parts, [2, 1]);
 }
 
+/// Ids that followed the order of both parts told a search with its sets exchanged, or with instances added in another
+/// order, that all of its clashes were new.
+#[test]
+fn ids_do_not_depend_on_the_order_of_sets_and_instances() {
+    let file = built::parts(&[Part::white(1, cuboid(DVec3::ZERO, DVec3::ONE))]);
+    let context = built::context(0);
+    let model = Model::open(&context, &file.path).expect("it opens");
+    let place =
+        |id: u64| DAffine3::from_translation(DVec3::new(id as f64 * 0.625, 0.25 * id as f64, 0.125 * id as f64));
+    let ask = |order: [u64; 3], sets: [u64; 2], detail: ClashDetail| {
+        let scene = Scene::new(&context);
+        order.iter().for_each(|&id| scene.add_instance(&model, id, place(id)).expect("an instance"));
+        scene.commit().expect("a commit");
+        let [a, b] = sets.map(|id| {
+            let mut set = PartSet::default();
+            set.add_instance(id);
+            set
+        });
+        let options = ClashOptions { a, b: Some(b), detail, ..ClashOptions::default() };
+        let mut found = Vec::new();
+        let take = &mut |clash: &Clash| found.push((clash.id(), clash.instances));
+        scene.state().clash(&options, &Progress::default(), &Cancel::new(), take).expect("an answer");
+        assert!(found.iter().all(|(_, instances)| *instances == sets), "the first is of the first set");
+        let ids: std::collections::BTreeSet<u64> = found.iter().map(|(id, _)| *id).collect();
+        assert_eq!(ids.len(), found.len(), "each clash has its own");
+        ids
+    };
+    for (detail, least) in [(ClashDetail::Parts, 1), (ClashDetail::Triangles, 6)] {
+        let expected = ask([1, 2, 3], [1, 2], detail);
+        assert!(expected.len() >= least);
+        for order in [[1, 2, 3], [3, 2, 1]] {
+            for sets in [[1, 2], [2, 1]] {
+                assert_eq!(ask(order, sets, detail), expected, "{order:?} {sets:?}");
+            }
+        }
+        assert_ne!(ask([1, 2, 3], [2, 3], detail), expected, "other instances");
+    }
+}
+
 #[test]
 fn clearances_are_those_of_all_pairs() {
     let mut rng = Rng::new(43);

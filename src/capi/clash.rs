@@ -117,7 +117,7 @@ pub type oc_clash_skip_flags = u32;
 pub const OC_CLASH_SKIP_SAME_MODEL: oc_clash_skip_flags = 1;
 /// Pairs in one instance.
 pub const OC_CLASH_SKIP_SAME_INSTANCE: oc_clash_skip_flags = 2;
-/// Pairs in one instance whose parts have the same parent part.
+/// Pairs in one instance whose parts have the same parent part, or both have none.
 pub const OC_CLASH_SKIP_SAME_PARENT: oc_clash_skip_flags = 4;
 /// Pairs of one model whose parts have equal materials.
 pub const OC_CLASH_SKIP_SAME_MATERIAL: oc_clash_skip_flags = 8;
@@ -130,7 +130,7 @@ pub const OC_CLASH_CROSSING: oc_clash_kind = 1;
 pub const OC_CLASH_TOUCHING: oc_clash_kind = 2;
 /// One part is inside of the other, which is closed. Their surfaces have no point in common.
 pub const OC_CLASH_CONTAINED: oc_clash_kind = 3;
-/// They are apart, and their distance is at most the clearance.
+/// They are apart, and their distance is at most the clearance, within `oc_clash.error`.
 pub const OC_CLASH_CLEARANCE: oc_clash_kind = 4;
 
 /// Flags: parts of a clash that are not closed.
@@ -178,7 +178,8 @@ unsafe impl Sized32 for oc_clash_desc {
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct oc_clash {
-    /// Depends on the ids of instances, parts and triangles alone: the same clash of two searches has the same id.
+    /// Depends on the ids of instances, parts and triangles alone, not on which part is the first: the same clash of
+    /// two searches has the same id.
     pub id: u64,
     /// Ids of the instances.
     pub instance: [u64; 2],
@@ -196,7 +197,7 @@ pub struct oc_clash {
     pub low: [f64; 3],
     /// Greatest corner of that box.
     pub high: [f64; 3],
-    /// Distance of the parts in world units. 0: they have common points.
+    /// Distance of the parts in world units. 0: they have common points, or one is inside of the other.
     pub distance: f64,
     /// Bound of the error of `distance`.
     pub error: f64,
@@ -387,6 +388,9 @@ pub unsafe extern "C" fn oc_scene_clash_start(
 }
 
 /// Takes clashes that a job has found, in order. Each is returned once.
+///
+/// Their order is that of the whole result: instances in the order added, then parts in the order of the model, then
+/// triangles. So none is there before all pairs were compared, and a job that is cancelled before that has none.
 ///
 /// - `out_clashes`: receives at most `capacity` clashes. May be NULL if `capacity` is 0.
 /// - `out_count`: receives the number of clashes written; if `capacity` is 0, the number of those that wait.

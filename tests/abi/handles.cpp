@@ -12,6 +12,7 @@ static_assert(sizeof(outcrop::job) == sizeof(void *), "nothing but the handle");
 static_assert(sizeof(outcrop::build) == sizeof(void *), "each object type has a class, with and without exceptions");
 static_assert(sizeof(outcrop::mapping_handle) == sizeof(void *), "likewise");
 static_assert(sizeof(outcrop::part_reader) == sizeof(void *), "likewise");
+static_assert(sizeof(outcrop::part_set) == sizeof(void *), "likewise");
 static_assert(sizeof(outcrop::cursor) == sizeof(void *), "likewise");
 
 outcrop::model opened(outcrop::context &context, const char *path) {

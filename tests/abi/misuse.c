@@ -1123,6 +1123,9 @@ static void clashes(oc_scene *s0) {
     INVALID(oc_part_set_add_instance(NULL, 1));
     INVALID(oc_part_set_add_part(NULL, 1, 7));
     INVALID(oc_part_set_add_part((oc_part_set *)s0, 1, 7));
+    INVALID(oc_part_set_add_instance(JUNK(oc_part_set), 1));
+    oc_part_set_retain(JUNK(oc_part_set));
+    oc_part_set_release(JUNK(oc_part_set));
     OK(oc_part_set_add_part(set, OC_NO_ID, 7));
     OK(oc_part_set_add_instance(set, 1));
     oc_part_set_retain(set);
@@ -1135,8 +1138,9 @@ static void clashes(oc_scene *s0) {
     INVALID(oc_scene_clash_start(NULL, &desc, &job));
     INVALID(oc_scene_clash_start(s0, &desc, NULL));
     INVALID(oc_scene_clash_start((oc_scene *)set, &desc, &job));
-    const double bad[] = {-1, NAN, INFINITY};
-    for (int i = 0; i < 3; i++) {
+    GARBAGE_SIZES(oc_clash_desc, oc_scene_clash_start(s0, s, &job));
+    const double bad[] = {-1, -INFINITY, NAN, INFINITY};
+    for (int i = 0; i < 4; i++) {
         desc.clearance = bad[i];
         INVALID(oc_scene_clash_start(s0, &desc, &job));
     }
@@ -1152,7 +1156,13 @@ static void clashes(oc_scene *s0) {
     desc.reserved = 0;
     desc.skip_count = 1;
     INVALID(oc_scene_clash_start(s0, &desc, &job));
-    desc.skip_count = 0;
+    const uint64_t none[2] = {0, 0};
+    desc.skip_pairs = none, desc.skip_count = UINT64_MAX;
+    INVALID(oc_scene_clash_start(s0, &desc, &job));
+    desc.skip_pairs = NULL, desc.skip_count = 0;
+    desc.second = empty;
+    INVALID(oc_scene_clash_start(s0, &desc, &job));
+    desc.second = NULL;
     desc.first = empty;
     INVALID(oc_scene_clash_start(s0, &desc, &job));
     desc.first = (const oc_part_set *)s0;
@@ -1179,6 +1189,7 @@ static void clashes(oc_scene *s0) {
     OC_INIT(&summary);
     INVALID(oc_job_clash_summary(NULL, &summary));
     INVALID(oc_job_clash_summary(job, NULL));
+    GARBAGE_SIZES(oc_clash_summary, oc_job_clash_summary(job, s));
     OK(oc_job_clash_summary(job, &summary));
     CHECK(summary.clashes == 0 && summary.pairs == 0 && summary.is_cut == 0);
     oc_job_release(job);
@@ -1207,6 +1218,116 @@ static void clashes(oc_scene *s0) {
     free(found);
     oc_part_set_release(set);
     oc_part_set_release(empty);
+}
+
+/* Two instances of the tetrahedron that cross, in a context without threads, with threads, and with threads of the
+ * host: before the end of the job, after it, and without its end. */
+static void clashes_of_contexts(void) {
+    const double place[12] = {1, 0, 0, 0, 1, 0, 0, 0, 1, 0.125, 0.125, 0.0625};
+    oc_clash first[16];
+    uint64_t firsts = 0;
+    for (int way = 0; way < 3; way++) {
+        oc_context *c;
+        oc_context_desc context;
+        oc_executor executor;
+        OC_INIT(&context);
+        OC_INIT(&executor);
+        executor.submit = submit, executor.concurrency = 1;
+        context.threads = way == 1 ? 2 : 0;
+        if (way == 2) context.executor = &executor;
+        OK(oc_context_create(OC_HEADER_VERSION, &context, &c));
+        oc_model *m;
+        oc_scene *s;
+        OK(oc_model_open(c, file("m.oc"), &m));
+        OK(oc_scene_create(c, &s));
+        OK(oc_scene_add_instance(s, m, 1, NULL));
+        OK(oc_scene_add_instance(s, m, 2, place));
+        OK(oc_scene_commit(s));
+        oc_model_release(m);
+
+        oc_part_set *one, *two;
+        OK(oc_part_set_create(&one));
+        OK(oc_part_set_create(&two));
+        OK(oc_part_set_add_instance(one, 1));
+        OK(oc_part_set_add_part(two, 2, 7));
+        oc_job *job;
+        oc_progress progress;
+        oc_clash_desc desc;
+        oc_clash_summary summary;
+        oc_clash found[16];
+        OC_INIT(&progress);
+        OC_INIT(&desc);
+        OC_INIT(&summary);
+        int woken = 0;
+        desc.first = one, desc.second = two, desc.detail = OC_CLASH_DETAIL_TRIANGLES;
+        OK(oc_scene_clash_start(s, &desc, &job));
+        oc_part_set_release(one); /* the job has copies */
+        OK(oc_part_set_add_instance(two, 4711));
+        oc_part_set_release(two);
+        uint64_t count = 0, all = 0, left = 77;
+        if (way == 0) { /* it waits for a step */
+            summary.pairs = 77;
+            EXPECT(OC_STATUS_INVALID_STATE, oc_job_clash_summary(job, &summary));
+            CHECK(summary.pairs == 77);
+            OK(oc_job_take_clashes(job, found, 16, &count));
+            CHECK(count == 0);
+            OK(oc_job_set_wake(job, wake, &woken));
+        }
+        do {
+            OK(oc_job_wait(job, 1, &progress));
+            do { /* one at a time, also while it runs */
+                CHECK(all < 16);
+                OK(oc_job_take_clashes(job, found + all, 1, &count));
+                all += count;
+            } while (count == 1);
+        } while (progress.state == OC_STATE_RUNNING);
+        CHECK(progress.state == OC_STATE_DONE && progress.fraction == 1 && woken == (way == 0));
+        OK(oc_job_take_clashes(job, NULL, 0, &left));
+        OK(oc_job_clash_summary(job, &summary));
+        CHECK(left == 0 && all > 1 && summary.clashes == all && summary.pairs == 1 && summary.is_cut == 0);
+        for (uint64_t i = 0; i < all; i++) {
+            const oc_clash *it = &found[i];
+            CHECK(it->instance[0] == 1 && it->instance[1] == 2 && it->part[0] == 7 && it->part[1] == 7);
+            CHECK(it->prim[0] < 4 && it->prim[1] < 4 && it->distance == 0 && it->count == 1 && it->open == 0);
+            CHECK(it->kind == OC_CLASH_CROSSING || it->kind == OC_CLASH_TOUCHING);
+            for (int k = 0; k < 3; k++) CHECK(it->low[k] <= it->first_point[k] && it->first_point[k] <= it->high[k]);
+        }
+        if (way == 0) memcpy(first, found, sizeof first), firsts = all;
+        CHECK(all == firsts && !memcmp(found, first, (size_t)all * sizeof *found));
+        oc_job_release(job);
+
+        /* The waiting ones are counted, and taken in two parts; no more than the limit. */
+        OC_INIT(&desc);
+        desc.detail = OC_CLASH_DETAIL_TRIANGLES, desc.limit = 1;
+        OK(oc_scene_clash_start(s, &desc, &job));
+        OK(oc_job_wait(job, OC_FOREVER, &progress));
+        OK(oc_job_take_clashes(job, found, 0, &left));
+        OK(oc_job_take_clashes(job, found, 16, &count));
+        OK(oc_job_clash_summary(job, &summary));
+        CHECK(left == 1 && count == 1 && summary.clashes == 1 && summary.pairs == 1 && summary.is_cut == 1);
+        oc_job_release(job);
+
+        /* Cancelled, with the state that each way allows; released while it may run; and its scene before it. */
+        OK(oc_scene_clash_start(s, NULL, &job));
+        OK(oc_job_cancel(job));
+        OK(oc_job_wait(job, OC_FOREVER, &progress));
+        CHECK(progress.state == OC_STATE_CANCELLED || (way > 0 && progress.state == OC_STATE_DONE));
+        if (progress.state == OC_STATE_CANCELLED) {
+            EXPECT(OC_STATUS_INVALID_STATE, oc_job_clash_summary(job, &summary));
+            OK(oc_job_take_clashes(job, found, 16, &count));
+            CHECK(count == 0);
+        }
+        oc_job_release(job);
+        OK(oc_scene_clash_start(s, NULL, &job));
+        oc_job_release(job);
+        OK(oc_scene_clash_start(s, NULL, &job));
+        oc_scene_release(s);
+        OK(oc_job_wait(job, OC_FOREVER, &progress));
+        OK(oc_job_take_clashes(job, found, 16, &count));
+        CHECK(progress.state == OC_STATE_DONE && count == 1 && found[0].prim[0] == OC_NO_ID);
+        oc_job_release(job);
+        oc_context_release(c);
+    }
 }
 
 /* Two rays through the tetrahedron, and two bad ones. */
@@ -1631,6 +1752,7 @@ int main(int argc, char **argv) {
     ways_to_give_rays(s0);
     overlaps(s0);
     clashes(s0);
+    clashes_of_contexts();
     crossings(s0);
     parts_at(s0);
     thickness(s0);

@@ -71,7 +71,7 @@ class Clashes(Handle):
                     skip_pairs: Sequence[tuple[int, int]] = ()) -> ClashJob:
         """Begins to search for clashes in the background. Arguments: see `clash`."""
         pairs = [whole("skip_pairs", part) for pair in skip_pairs for part in pair]
-        if len(pairs) != 2 * len(skip_pairs):
+        if any(len(pair) != 2 for pair in skip_pairs):
             raise ValueError("skip_pairs: expected pairs of part ids")
         desc = _abi.oc_clash_desc(
             detail=ClashDetail.TRIANGLES if triangles else ClashDetail.PARTS,

@@ -434,7 +434,7 @@ class ClashSkipFlags(enum.IntFlag):
     SAME_INSTANCE = 2
     """Pairs in one instance."""
     SAME_PARENT = 4
-    """Pairs in one instance whose parts have the same parent part."""
+    """Pairs in one instance whose parts have the same parent part, or both have none."""
     SAME_MATERIAL = 8
     """Pairs of one model whose parts have equal materials."""
 
@@ -449,7 +449,7 @@ class ClashKind(enum.IntEnum):
     CONTAINED = 3
     """One part is inside of the other, which is closed. Their surfaces have no point in common."""
     CLEARANCE = 4
-    """They are apart, and their distance is at most the clearance."""
+    """They are apart, and their distance is at most the clearance, within `Clash.error`."""
 
 
 class ClashOpenFlags(enum.IntFlag):

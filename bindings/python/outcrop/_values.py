@@ -622,7 +622,9 @@ class Clash(Value):
     _struct = _abi.oc_clash
 
     id: int = 0
-    """Depends on the ids of instances, parts and triangles alone: the same clash of two searches has the same id."""
+    """Depends on the ids of instances, parts and triangles alone, not on which part is the first: the same clash of
+    two searches has the same id.
+    """
     instance: Vector = (0, 0)
     """Ids of the instances."""
     part: Vector = (0, 0)
@@ -642,7 +644,7 @@ class Clash(Value):
     high: Vector = (0.0, 0.0, 0.0)
     """Greatest corner of that box."""
     distance: float = 0.0
-    """Distance of the parts in world units. 0: they have common points."""
+    """Distance of the parts in world units. 0: they have common points, or one is inside of the other."""
     error: float = 0.0
     """Bound of the error of `distance`."""
     count: int = 0

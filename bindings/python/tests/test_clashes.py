@@ -79,5 +79,46 @@ def test_sets_rules_and_jobs(boxes: outcrop.Scene) -> None:
         boxes.clash(clearance=-1)
     with pytest.raises(outcrop.ArgumentError, match="a part 99"), outcrop.PartSet() as foreign:
         boxes.clash(foreign.add_part(99))
-    with pytest.raises(ValueError, match="pairs"):
-        boxes.clash(skip_pairs=[(1, 2, 3)])  # type: ignore[list-item]
+    for wrong in ([(1, 2, 3)], [(1, 2, 3), (4,)]):
+        with pytest.raises(ValueError, match="pairs"):
+            boxes.clash(skip_pairs=wrong)  # type: ignore[arg-type]
+
+
+CUBES = [((0, 0, 0), 4.0), ((0.5, 0, 0), 1.0), ((4, 0, 0), 3.0), ((5.75, 0.25, 0), 2.0), ((8, 0, 0), 1.0),
+         ((9.25, 0.25, 0), 1.5), ((11, 2, 0), 2.0), ((12.5, 3.5, 1.5), 1.0), ((20, 0, 0), 2.0)]
+"""Centres and sizes of cubes, in eighths, so that contacts are exact. Contacts are of an edge, a corner and a face."""
+
+
+def relation(a: int, b: int) -> tuple[ClashKind, float]:
+    """Returns the kind of clash of two of the cubes by the gap along each axis, and their distance."""
+    (near, small), (far, large) = sorted([CUBES[a], CUBES[b]], key=lambda cube: cube[1])
+    between = abs(numpy.subtract(near, far))
+    gaps = between - (small + large) / 2
+    if gaps.max() > 0:
+        return ClashKind.CLEARANCE, float(numpy.linalg.norm(numpy.maximum(gaps, 0)))
+    if (gaps == 0).sum() >= 2:  # an edge or a corner; a face in common overlaps in a plane, which is a crossing
+        return ClashKind.TOUCHING, 0.0
+    return (ClashKind.CONTAINED if (between + small / 2 < large / 2).all() else ClashKind.CROSSING), 0.0
+
+
+def test_kinds_are_those_of_cubes(context: outcrop.Context, tmp_path: Path) -> None:
+    meshes = [outcrop.Mesh(box(numpy.subtract(at, size / 2), size), FACES, name=f"cube {i}", id=i)
+              for i, (at, size) in enumerate(CUBES)]
+    context.build(tmp_path / "cubes.oc", meshes)
+    clearance = 0.8
+    known = {pair: relation(*pair) for pair in itertools.combinations(range(len(CUBES)), 2)}
+    expected = {pair: kind for pair, (kind, gap) in known.items() if gap <= clearance}
+    assert set(expected.values()) == set(ClashKind)
+    with context.open(tmp_path / "cubes.oc") as model, context.scene(model) as scene:
+        found = scene.clash(clearance=clearance)
+        assert {tuple(one["part"].tolist()): ClashKind(one["kind"]) for one in found} == expected
+        for one in found:
+            assert abs(one["distance"] - known[tuple(one["part"].tolist())][1]) <= one["error"] + 1e-12
+        # The sets exchanged: the parts of each clash too, but not its id.
+        with outcrop.PartSet() as some, outcrop.PartSet() as others:
+            for part in range(len(CUBES)):
+                (some if part % 2 else others).add_part(part)
+            one_way = scene.clash(some, others, clearance=clearance)
+            other_way = scene.clash(others, some, clearance=clearance)
+        assert len(one_way) > 3 and one_way["id"].tolist() == other_way["id"].tolist()
+        assert (one_way["part"] == other_way["part"][:, ::-1]).all()

@@ -121,12 +121,14 @@ pub struct Clash {
 
 impl Clash {
     /// A number that depends on the ids of instances, parts and triangles alone, so that clashes of two queries can be
-    /// compared.
+    /// compared: not on which part is the first, which follows the sets and the order of instances.
     pub fn id(&self) -> u64 {
-        let words = self.instances.into_iter().chain(self.parts).chain(self.prims);
-        words.fold(0x9e37_79b9_7f4a_7c15, |id, word| {
+        let side = |k: usize| [self.instances[k], self.parts[k], self.prims[k]];
+        let (a, b) = (side(0), side(1));
+        let sides = [a.min(b), a.max(b)];
+        sides.as_flattened().iter().fold(0x9e37_79b9_7f4a_7c15, |id, word| {
             // The finaliser of SplitMix64 (Steele, Lea, Flood 2014).
-            let mixed = (id ^ word).wrapping_add(0x9e37_79b9_7f4a_7c15);
+            let mixed = (id ^ *word).wrapping_add(0x9e37_79b9_7f4a_7c15);
             let mixed = (mixed ^ mixed >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
             let mixed = (mixed ^ mixed >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
             mixed ^ mixed >> 31
