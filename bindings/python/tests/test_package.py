@@ -132,7 +132,7 @@ def test_snippets_of_the_readme_run(capsys: pytest.CaptureFixture[str], monkeypa
                                     tmp_path: Path) -> None:
     text = (PACKAGE / "README.md").read_text(encoding="utf-8")
     snippets = re.findall(r"^## (.*?)\n.*?^```python\n(.*?)^```", text, re.M | re.S)
-    assert len(snippets) == 10
+    assert len(snippets) == 11
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {}
     for title, code in snippets:
