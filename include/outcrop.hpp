@@ -106,6 +106,7 @@ using mapping = mapping_handle;
 using part_reader = part_reader_handle;
 using part_set = part_set_handle;
 using cursor = cursor_handle;
+using part_set = part_set_handle;
 
 #else
 
