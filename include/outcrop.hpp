@@ -106,7 +106,6 @@ using mapping = mapping_handle;
 using part_reader = part_reader_handle;
 using part_set = part_set_handle;
 using cursor = cursor_handle;
-using part_set = part_set_handle;
 
 #else
 
