@@ -104,8 +104,8 @@ using scene = scene_handle;
 using frame = frame_handle;
 using mapping = mapping_handle;
 using part_reader = part_reader_handle;
-using part_set = part_set_handle;
 using cursor = cursor_handle;
+using part_set = part_set_handle;
 
 #else
 
