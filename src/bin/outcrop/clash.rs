@@ -237,7 +237,7 @@ impl Report {
             }
             text += &match c.kind {
                 ClashKind::Clearance => format!("\tdistance {}", c.distance),
-                _ if c.count > 0 => format!("\t{}", common::counted(c.count, "pair of triangles")),
+                _ if c.count > 0 => format!("\t{}", common::counted(c.count, "triangle pair")),
                 _ => String::new(),
             };
             text += match self.is_new(c) {
