@@ -9,6 +9,7 @@ use glam::{DAffine3, DMat3, DQuat, DVec3};
 use outcrop::base::progress::{Cancel, Progress};
 use outcrop::geom::point_triangle;
 use outcrop::query::clash::{Clash, ClashDetail, ClashKind, ClashOptions, PartSet};
+use outcrop::scene::{Context, ContextOptions, Model, Scene};
 
 const TOLERANCE: f64 = 1e-5;
 
@@ -299,6 +300,50 @@ fn depths_do_not_depend_on_the_order() {
         let other = of(first, second, true);
         assert!((other.depth - expected.depth).abs() <= 1e-4, "{other:?} {expected:?}");
     }
+}
+
+/// Blocks are read on demand, and the triangles of parts are kept in the budget. If those of two parts do not fit, their
+/// depth is not known, and the search goes on.
+#[test]
+fn depths_do_not_depend_on_budgets_and_threads() {
+    let ask = |file: &built::Built, threads: usize, memory_budget: u64| {
+        let options = ContextOptions { threads, memory_budget, read_ahead: false, ..ContextOptions::default() };
+        let context = Context::new(options).expect("a context");
+        let model = Model::open_cold(&context, &file.path).expect("it opens");
+        let scene = Scene::new(&context);
+        scene.add_instance(&model, 1, DAffine3::IDENTITY).expect("an instance");
+        scene.commit().expect("a commit");
+        let options = ClashOptions { tolerance: 1e-3, ..ClashOptions::default() };
+        let mut all = Vec::new();
+        let take = &mut |clash: &Clash| all.push(*clash);
+        scene.state().clash(&options, &Progress::default(), &Cancel::new(), take).expect("an answer");
+        let memory = model.memory();
+        assert!(memory_budget == 0 || memory.resident <= memory_budget);
+        (all, memory.geometry)
+    };
+    let mut rng = Rng::new(31);
+    let mut parts = Vec::new();
+    for id in 0..50 {
+        let (tris, at) = (blob(&mut rng, 18, 0.5), rng.direction() * rng.between(0.0, 2.5));
+        parts.push(Part::white(id, tris.iter().map(|t| t.map(|p| super::rounded(p + at))).collect()));
+    }
+    // Most of the file is a part that is away from all others.
+    let away = blob(&mut rng, 130, 1.0).iter().map(|t| t.map(|p| super::rounded(p + 9.0))).collect();
+    parts.push(Part::white(999, away));
+    let file = built::parts(&parts);
+    let (expected, bytes) = ask(&file, 2, 0);
+    let hard = expected.iter().filter(|clash| clash.kind >= ClashKind::Hard && clash.depth > 1e-3).count();
+    println!("{hard} of {} are hard, {bytes} bytes of geometry", expected.len());
+    assert!(hard > 50);
+    for (threads, budget) in [(0, bytes), (4, bytes * 3 / 4)] {
+        assert_eq!(ask(&file, threads, budget).0, expected, "{threads} threads, {budget} bytes");
+    }
+    let large = [blob(&mut rng, 70, 1.0), blob(&mut rng, 70, 1.1)];
+    let file = built::parts(&[Part::white(1, large[0].clone()), Part::white(2, large[1].clone())]);
+    let (found, bytes) = ask(&file, 2, 0);
+    assert!(found.len() == 1 && found[0].kind >= ClashKind::Hard && found[0].depth > 0.01);
+    let (found, _) = ask(&file, 2, bytes * 3 / 2);
+    assert_eq!((found.len(), found[0].kind, found[0].depth), (1, ClashKind::Crossing, 0.0));
 }
 
 /// A surface with a border has no inside: such parts have no depth, and are named.

@@ -56,7 +56,11 @@ impl<'a> Depths<'a> {
         // The memory of parts that are not needed is given back first.
         self.kept.shrink_to(bytes);
         match self.kept.grow_to(task.scene.context().residency(), "triangles of two parts, for their depth", bytes) {
-            Err(Error::OverBudget { .. }) => return Ok(vec![None; pairs.len()]),
+            Err(Error::OverBudget { .. }) if pairs.len() == 1 => return Ok(vec![None]),
+            Err(Error::OverBudget { .. }) => {
+                let each = pairs.iter().map(|&pair| Ok(self.of(&[pair])?.pop().flatten()));
+                return each.collect();
+            }
             other => other?,
         }
         for key in needed {
