@@ -1,9 +1,10 @@
-//! Queries to a scene: closest and any hits of rays in batches, all crossings of rays, and overlaps of boxes and frusta
-//! with parts. The cursor returns the nodes of a model to programs that walk its trees by themselves.
+//! Queries to a scene: closest and any hits of rays in batches, all crossings of rays, overlaps of boxes and frusta
+//! with parts, clashes, and nearest points. The cursor returns the nodes of a model to programs that walk its trees by themselves.
 #![forbid(unsafe_code)]
 
 mod single;
 mod answer;
+mod among;
 pub(crate) mod answers;
 mod asks;
 pub mod batch;
@@ -15,6 +16,7 @@ pub mod cursor;
 pub mod geometry;
 pub mod hit;
 pub mod inside;
+pub mod nearest;
 pub(crate) mod needs;
 pub mod overlap;
 mod parked;
@@ -31,4 +33,5 @@ pub use cursor::{CURSOR_BYTES, Cursor, CursorOptions, Found, NodeTriangle, TreeP
 pub use geometry::{PartReader, StoredTriangle};
 pub use hit::{Hit, HitKind, NONE, Want};
 pub use inside::{Holds, PartAt};
+pub use nearest::{NearestOptions, NearestPoint};
 pub use overlap::{How, PartOverlap, Plane};

@@ -5,10 +5,10 @@
 
 mod contained;
 mod facts;
-mod frame;
+pub(super) mod frame;
 mod ids;
 mod quest;
-mod sets;
+pub(super) mod sets;
 mod task;
 
 use crate::base::error::{Error, Result};
