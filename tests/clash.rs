@@ -1,6 +1,7 @@
 //! Clashes, against brute force over all pairs of triangles by exact predicates.
 
 mod common;
+mod nearest;
 
 use common::brute::Tri;
 use common::built::{self, Part};

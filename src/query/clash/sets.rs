@@ -6,12 +6,12 @@ use crate::scene::model::PartInfo;
 use std::collections::HashSet;
 
 /// A set of parts of a scene. Instances and parts are named by the caller's ids.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub struct PartSet {
     entries: Vec<Entry>,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Entry {
     All,
     Instance(u64),
