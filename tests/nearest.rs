@@ -42,7 +42,9 @@ fn assert_nearest(world: &World, points: &[DVec3], name: &str) {
     for (&p, answer) in points.iter().zip(&answers) {
         let all: Vec<_> = triangles(world, p)
             .into_iter()
-            .map(|(instance, part, prim, tri)| (point_triangle(DVec3::ZERO, &tri).squared.sqrt(), (instance, part, prim)))
+            .map(|(instance, part, prim, tri)| {
+                (point_triangle(DVec3::ZERO, &tri).squared.sqrt(), (instance, part, prim))
+            })
             .collect();
         let least = all.iter().map(|it| it.0).fold(f64::INFINITY, f64::min);
         assert_eq!(answer.kind, HitKind::Exact, "{name}");
@@ -62,18 +64,18 @@ fn points(rng: &mut Rng, count: usize, at: DVec3, size: f64) -> Vec<DVec3> {
 #[test]
 fn nearest_points_are_those_of_all_triangles() {
     let mut rng = Rng::new(61);
-    let parts = |seed| (1..=5).map(|id| Part::white(id, soup(&mut Rng::new(seed + id), 120, 0.25, 1.0))).collect::<Vec<_>>();
+    let parts =
+        |seed| (1..=5).map(|id| Part::white(id, soup(&mut Rng::new(seed + id), 120, 0.25, 1.0))).collect::<Vec<_>>();
     let turned = DAffine3::from_rotation_translation(DQuat::from_rotation_y(0.4), DVec3::new(0.6, 0.2, -0.1));
-    let mirrored = DAffine3 {
-        matrix3: DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.5)),
-        translation: DVec3::new(0.3, 0.0, 2.25),
-    };
+    let mirrored =
+        DAffine3 { matrix3: DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.5)), translation: DVec3::new(0.3, 0.0, 2.25) };
     let skewed = DAffine3 {
         matrix3: DMat3::from_cols(DVec3::new(1.0, 0.4, 0.0), DVec3::new(-0.3, 9.0, 0.2), DVec3::new(0.0, 0.1, 0.05)),
         translation: DVec3::new(-2.0, 0.5, 1.0),
     };
     for threads in [0, 2] {
-        let near = world(vec![(parts(70), vec![DAffine3::IDENTITY, turned]), (parts(80), vec![mirrored, skewed])], threads);
+        let near =
+            world(vec![(parts(70), vec![DAffine3::IDENTITY, turned]), (parts(80), vec![mirrored, skewed])], threads);
         assert_nearest(&near, &points(&mut rng, 300, DVec3::ZERO, 2.0), "turned, mirrored, skewed");
         assert_nearest(&near, &points(&mut rng, 40, DVec3::ZERO, 1e6), "from far away");
         let at = DVec3::new(1e7, -1e7, 3e6);
@@ -87,9 +89,8 @@ fn nearest_points_are_those_of_all_triangles() {
 #[test]
 fn the_nearest_point_of_a_box_is_that_of_the_closed_form() {
     let (min, max) = (DVec3::splat(-1.0), DVec3::new(1.0, 2.0, 3.0));
-    let grid: Vec<DVec3> = (0..343)
-        .map(|i| DVec3::new((i % 7) as f64 - 3.0, (i / 7 % 7) as f64 - 2.5, (i / 49) as f64 - 1.5))
-        .collect();
+    let grid: Vec<DVec3> =
+        (0..343).map(|i| DVec3::new((i % 7) as f64 - 3.0, (i / 7 % 7) as f64 - 2.5, (i / 49) as f64 - 1.5)).collect();
     let one = world(vec![(vec![Part::white(7, cuboid(min, max))], vec![DAffine3::IDENTITY])], 0);
     let options = NearestOptions { inside: true, ..NearestOptions::default() };
     let brute = triangles(&one, DVec3::ZERO);
@@ -197,7 +198,11 @@ fn assert_distance(world: &World, [a, b]: [u64; 2], name: &str) -> SetDistance {
     let turned = DistanceOptions { a: of_instance(b), b: Some(of_instance(a)), ..options };
     let other = world.scene.state().distance(&turned).expect("an answer").expect("two parts");
     let swap = |[x, y]: [u64; 2]| [y, x];
-    assert_eq!((other.distance, other.prims, other.parts), (found.distance, swap(found.prims), swap(found.parts)), "{name}");
+    assert_eq!(
+        (other.distance, other.prims, other.parts),
+        (found.distance, swap(found.prims), swap(found.parts)),
+        "{name}"
+    );
     assert_eq!([other.points[1], other.points[0]], found.points, "{name}");
     let all = triangles(world, found.points[0]);
     let pairs = all.iter().filter(|x| x.0 == a).flat_map(|x| all.iter().filter(|y| y.0 == b).map(move |y| (x, y)));
@@ -220,7 +225,8 @@ fn assert_distance(world: &World, [a, b]: [u64; 2], name: &str) -> SetDistance {
 
 #[test]
 fn the_distance_of_sets_is_that_of_all_pairs() {
-    let parts = |seed| (1..=3).map(|id| Part::white(id, soup(&mut Rng::new(seed + id), 60, 0.1, 0.6))).collect::<Vec<_>>();
+    let parts =
+        |seed| (1..=3).map(|id| Part::white(id, soup(&mut Rng::new(seed + id), 60, 0.1, 0.6))).collect::<Vec<_>>();
     for threads in [0, 2] {
         for (case, at) in [(0u64, 3.0), (1, 1.4), (2, 0.4), (3, 0.0)] {
             let turn = DQuat::from_rotation_z(0.7 * case as f64);
@@ -231,7 +237,8 @@ fn the_distance_of_sets_is_that_of_all_pairs() {
             };
             let far = DVec3::new(-1e7, 1e7, 2e6);
             for (kind, move_by) in [("", DVec3::ZERO), (" far from zero", far)] {
-                let all = [DAffine3::IDENTITY, place, skewed].map(|it| DAffine3 { translation: it.translation + move_by, ..it });
+                let all = [DAffine3::IDENTITY, place, skewed]
+                    .map(|it| DAffine3 { translation: it.translation + move_by, ..it });
                 let scene = world(vec![(parts(10 * case), all.to_vec())], threads);
                 for pair in [[100, 101], [100, 102], [101, 102]] {
                     assert_distance(&scene, pair, &format!("case {case}{kind}, {threads} threads, {pair:?}"));
@@ -311,7 +318,8 @@ fn budgets_threads_and_missing_blocks_do_not_matter() {
         least <= exact.distance + exact.error && exact.distance - exact.error <= most
     };
     assert!(cold.iter().zip(&expected).all(|(early, exact)| holds(early, exact)));
-    let sets = |a: u64, b: u64| DistanceOptions { a: of_instance(a), b: Some(of_instance(b)), ..DistanceOptions::default() };
+    let sets =
+        |a: u64, b: u64| DistanceOptions { a: of_instance(a), b: Some(of_instance(b)), ..DistanceOptions::default() };
     let distance = all.state().distance(&sets(1, 2)).expect("an answer");
     let within = all.state().distance(&DistanceOptions::default()).expect("an answer");
     println!("{distance:?}, of all parts {within:?}");
@@ -331,7 +339,11 @@ fn budgets_threads_and_missing_blocks_do_not_matter() {
         }
         early += found.iter().filter(|it| it.kind == HitKind::Missing && it.error > 0.0).count();
         assert_eq!(scene.state().distance(&sets(1, 2)).expect("an answer"), distance, "{threads}, {budget}");
-        assert_eq!(scene.state().distance(&DistanceOptions::default()).expect("an answer"), within, "{threads}, {budget}");
+        assert_eq!(
+            scene.state().distance(&DistanceOptions::default()).expect("an answer"),
+            within,
+            "{threads}, {budget}"
+        );
         assert!(model.memory().resident <= budget);
     }
     assert!(early > 0, "some answers were early");
@@ -345,7 +357,8 @@ fn the_least_primitive_of_many_at_a_corner_counts() {
     let all = triangles(&one, DVec3::ZERO);
     let above: Vec<DVec3> = all.iter().flat_map(|it| it.3).map(|corner| corner * 1.5).collect();
     for (p, answer) in above.iter().zip(ask(&one, &above, &NearestOptions::default())) {
-        let squared: Vec<f64> = all.iter().map(|it| point_triangle(DVec3::ZERO, &it.3.map(|v| v - *p)).squared).collect();
+        let squared: Vec<f64> =
+            all.iter().map(|it| point_triangle(DVec3::ZERO, &it.3.map(|v| v - *p)).squared).collect();
         let least = squared.iter().copied().fold(f64::INFINITY, f64::min);
         assert_eq!(Some(answer.prim as usize), squared.iter().position(|it| *it == least), "{p}");
     }

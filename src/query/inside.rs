@@ -66,11 +66,7 @@ impl SceneState {
 
     /// [`SceneState::parts_at`], with the indices of instances and parts, and with winding numbers: 0 for
     /// [`Holds::Undecided`].
-    pub(super) fn parts_around(
-        &self,
-        points: &[DVec3],
-        take: &mut dyn FnMut(usize, &[(u32, u32, i32)]),
-    ) -> Result<()> {
+    pub(super) fn parts_around(&self, points: &[DVec3], take: &mut dyn FnMut(usize, &[(u32, u32, i32)])) -> Result<()> {
         let rays = Each(points, |&point: &DVec3| Ray::new(point, DIR));
         let (mut entrances, mut all) = (Entrances::default(), Vec::new());
         self.crossings_of_parts(&rays, Policy::Exact, &mut |index, met, _| {

@@ -297,6 +297,14 @@ impl Placed {
         (size + self.offset.abs().max_element() + self.stretch * self.max_coord) * self.loss
     }
 
+    /// Bound of the rounding of a corner's place relative to a point of the world within `size` of zero: some of the
+    /// terms of its coordinates, and of those of the tree's origin.
+    #[inline]
+    pub fn corner_rounding(&self, size: f64) -> f64 {
+        let origins = self.offset.abs().max_element() + 2.0 * self.mesh_origin.abs().max_element();
+        (size + origins + 2.0 * self.stretch * self.max_coord) * (16.0 * f64::EPSILON)
+    }
+
     /// [`Placed::rounding`] of the point `along` from `origin`.
     #[inline(always)]
     pub fn rounding_along(&self, origin: DVec3, along: DVec3) -> f64 {

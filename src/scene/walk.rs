@@ -13,7 +13,9 @@ use crate::base::error::Result;
 use crate::base::ids::BlockId;
 use crate::math::Ray;
 use crate::residency::{Held, Lease, Shown};
-use crate::structure::{LocalRay, NEVER, Outcome, PartFilter, ShownBlocks, Tree, TriHit, Triangle, Visit, Walk, Within};
+use crate::structure::{
+    LocalRay, NEVER, Outcome, PartFilter, ShownBlocks, Tree, TriHit, Triangle, Visit, Walk, Within,
+};
 use std::sync::atomic::AtomicBool;
 
 /// A block that a job needs.

@@ -102,8 +102,7 @@ impl PointFrame {
                     }
                 } else {
                     for lane in 0..EIGHT {
-                        let product =
-                            x[axis] * corner[0][lane] + y[axis] * corner[1][lane] + z[axis] * corner[2][lane];
+                        let product = x[axis] * corner[0][lane] + y[axis] * corner[1][lane] + z[axis] * corner[2][lane];
                         out[axis][lane] = product + t[axis];
                     }
                 }

@@ -11,9 +11,9 @@ use super::brute;
 use super::bvh;
 use super::cell::{CellParts, Cells};
 use super::cursor::Below;
+use super::eight::Eight;
 #[cfg(any(test, feature = "brute"))]
 use super::fallback::SingleWalks;
-use super::eight::Eight;
 use super::filter::{PartFilter, ShownBlocks};
 use super::hit::{Outcome, TriHit, Triangle};
 use super::packet::PacketWalk;

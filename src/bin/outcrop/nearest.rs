@@ -83,7 +83,11 @@ pub fn run(args: &Args) -> Outcome {
     if !args.to.is_empty() {
         let options = DistanceOptions { a: of(&args.from), b: Some(of(&args.to)), max_distance: args.within };
         let found = scene.state().distance(&options)?;
-        return common::print(args.json, &distance_as_json(&model, found.as_ref()), &distance_as_text(&model, found.as_ref()));
+        return common::print(
+            args.json,
+            &distance_as_json(&model, found.as_ref()),
+            &distance_as_text(&model, found.as_ref()),
+        );
     }
     let options = NearestOptions {
         set: of(&args.from),

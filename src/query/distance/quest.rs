@@ -3,7 +3,7 @@
 
 use super::super::among::Among;
 use super::super::rounds::{Quest, Rounds, WaitList};
-use super::walk::{At, Entry, Nearest, Rest, Scratch, Walker, needed};
+use super::walk::{Entry, Nearest, Rest, Scratch, Walker, needed};
 use crate::base::error::Result;
 use crate::base::ids::BlockId;
 use crate::scene::SceneState;
@@ -26,9 +26,10 @@ pub(super) fn search(scene: &SceneState, sets: [&Among; 2], is_self: bool, most:
         let walker = Walker { view: &view, sets, is_self, bound: &bound };
         let all = walker.widened(Rest::new(sets), WALKS);
         let each = all.len().div_ceil(WALKS).max(1);
-        let pieces = all.chunks(each).enumerate().map(|(index, left)| {
-            Mutex::new(Some(Piece { index, rest: Rest::of(left.to_vec()), needs: Vec::new() }))
-        });
+        let pieces = all
+            .chunks(each)
+            .enumerate()
+            .map(|(index, left)| Mutex::new(Some(Piece { index, rest: Rest::of(left.to_vec()), needs: Vec::new() })));
         pieces.collect::<Vec<_>>()
     };
     let count = pieces.len();
@@ -109,24 +110,23 @@ impl Search<'_> {
 }
 
 impl Walker<'_> {
-    /// Replaces pairs of places by those below them, in order, until there are at least `count`, as far as they are
-    /// not both in placed trees.
+    /// Replaces pairs of places by those below them, in order, until there are at least `count`, as far as blocks are
+    /// in memory. Pairs of leaves stay.
     fn widened(&self, rest: Rest, count: usize) -> Vec<Entry> {
-        let mut all = rest.left;
-        let mut is_wider = true;
+        let (mut all, mut is_wider) = (rest.left, true);
+        let mut scratch = self.view.scene.context().take_scratch::<Scratch>();
         while is_wider && all.len() < count {
             is_wider = false;
-            let mut next = Vec::new();
-            for entry in all {
-                if matches!(entry.at, [At::In(..), At::In(..)]) {
-                    next.push(entry);
-                } else {
+            for entry in std::mem::take(&mut all) {
+                if self.below(&entry, &mut scratch) {
                     is_wider = true;
-                    self.below_top(&entry, &mut next);
+                    all.append(&mut scratch.stack);
+                } else {
+                    all.push(entry);
                 }
             }
-            all = next;
         }
+        self.view.scene.context().give_scratch(scratch);
         all
     }
 }

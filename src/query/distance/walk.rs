@@ -297,7 +297,7 @@ impl<'a> Walker<'a> {
         let terms = |p: &Placed| (p.frame().translation - origin).abs().max_element() + p.extent();
         let rounded = of.map(terms).iter().sum::<f64>() * (32.0 * f64::EPSILON);
         let slack = rounded + all.extent().length() / (1u64 << 44) as f64;
-        let rounding = of.map(|p| p.rounding(0.0) + p.position_error).iter().sum();
+        let rounding = of.map(|p| p.corner_rounding(0.0) + p.position_error).iter().sum();
         let trees = [0, 1].map(|i| self.sets[i].tree(self.view, placed[i]));
         let is_whole = [0, 1].map(|i| self.sets[i].is_whole(placed[i]));
         Pair { placed, trees, frames, origin, slack, rounding, is_whole }
@@ -339,6 +339,27 @@ impl<'a> Walker<'a> {
             }
         }
         out[bottom..].sort_by(|a, b| a.squared.total_cmp(&b.squared));
+    }
+
+    /// Puts the pairs of places below a pair on the stack, the nearest first. Returns false, with nothing on the stack,
+    /// for leaves and if blocks are missing.
+    pub fn below(&self, entry: &Entry, scratch: &mut Scratch) -> bool {
+        scratch.stack.clear();
+        if let [At::In(a, x, x_is_leaf), At::In(b, y, y_is_leaf)] = entry.at {
+            let is_there = !(x_is_leaf && y_is_leaf)
+                && self.open(
+                    &self.enter([a, b]),
+                    entry,
+                    [(x, x_is_leaf), (y, y_is_leaf)],
+                    &mut Rest::default(),
+                    scratch,
+                );
+            scratch.stack.sort_by(|a, b| a.squared.total_cmp(&b.squared));
+            is_there
+        } else {
+            self.below_top(entry, &mut scratch.stack);
+            true
+        }
     }
 
     /// Opens the greater of two places, or measures the triangles of both. Returns false if blocks are missing.

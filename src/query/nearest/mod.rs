@@ -172,7 +172,9 @@ fn answer(walker: &Walker, scene: &SceneState, p: DVec3, limit: f64, best: &Best
                 ..NearestPoint::MISS
             }
         }
-        (_, None) => NearestPoint { distance: least, error: f64::INFINITY, kind: HitKind::Missing, ..NearestPoint::MISS },
+        (_, None) => {
+            NearestPoint { distance: least, error: f64::INFINITY, kind: HitKind::Missing, ..NearestPoint::MISS }
+        }
     }
 }
 

@@ -130,8 +130,7 @@ impl<'a> Walker<'a> {
     #[inline(always)]
     fn enter(&self, index: u32, p: DVec3, best: f64) -> Inside<'a> {
         let placed = &self.scene().placement.placed[index as usize];
-        let frame =
-            PointFrame::new(placed.frame_around(p), placed.local_point(p), [placed.shrink, placed.stretch]);
+        let frame = PointFrame::new(placed.frame_around(p), placed.local_point(p), [placed.shrink, placed.stretch]);
         let slack = slack_of(placed, p);
         let (tree, is_whole) = (self.among.tree(self.view, index), self.among.is_whole(index));
         Inside { index, placed, tree, frame, slack, limit: limit(best, slack), is_whole }
@@ -189,7 +188,8 @@ impl<'a> Walker<'a> {
                     around(best, far.dot(far), (placed.bounds.min + placed.bounds.max) * 0.5 - p);
                 }
                 let root = self.among.tree(self.view, index).root();
-                stack.extend(root.map(|root| Entry { squared: squared_to(&placed.bounds, p), at: At::In(index, root) }));
+                stack
+                    .extend(root.map(|root| Entry { squared: squared_to(&placed.bounds, p), at: At::In(index, root) }));
             }
             Target::Placed(_) => {}
             Target::Inner(index) => {
@@ -264,7 +264,7 @@ impl<'a> Walker<'a> {
         }
         // The triangle's block is in memory here.
         let Some(prim_at) = now.tree.prim_place(&eight.hit(lane)) else { return };
-        let error = error + now.placed.rounding(p.abs().max_element()) + now.placed.position_error;
+        let error = error + now.placed.corner_rounding(p.abs().max_element()) + now.placed.position_error;
         // A triangle in several leaves counts once.
         if !best.ties.iter().any(|tie| (tie.placed, tie.prim_at) == (now.index, prim_at)) {
             best.ties.push(Candidate { placed: now.index, part, prim_at, prim: None, point, error });
