@@ -1,6 +1,8 @@
 //! Clashes, against brute force over all pairs of triangles by exact predicates.
 
 mod common;
+#[path = "clash/depths.rs"]
+mod depths;
 mod nearest;
 
 use common::brute::Tri;
@@ -95,12 +97,16 @@ impl World {
         let options = ClashOptions { detail: ClashDetail::Triangles, ..ClashOptions::default() };
         let (clashes, summary) = self.clash(&options);
         assert!(!summary.is_cut);
-        let meets = |kind| [ClashKind::Crossing, ClashKind::Touching].contains(&kind);
+        let meets = |kind| kind <= ClashKind::Touching;
         let found: BTreeMap<_, _> =
             clashes.iter().filter(|c| meets(c.kind)).map(|c| ((c.instances, c.parts, c.prims), c.kind)).collect();
         assert_eq!(found.len(), clashes.iter().filter(|c| meets(c.kind)).count(), "{name}: each pair once");
         let expected = self.brute();
-        let kind = |r: Relation| if r >= Relation::Coplanar { ClashKind::Crossing } else { ClashKind::Touching };
+        let kind = |r: Relation| match r {
+            Relation::Crossing => ClashKind::Crossing,
+            Relation::Coplanar => ClashKind::Coplanar,
+            _ => ClashKind::Touching,
+        };
         for (key, relation) in &expected {
             assert_eq!(found.get(key), Some(&kind(*relation)), "{name}: {key:?} {relation:?}");
         }
@@ -268,8 +274,9 @@ fn bad_sets_and_clearances_are_refused() {
             .to_string();
         assert!(error.contains(what), "{error}");
     };
-    for clearance in [-1.0, f64::NAN, f64::INFINITY] {
-        fails(ClashOptions { clearance, ..ClashOptions::default() }, "clearance");
+    for bad in [-1.0, f64::NAN, f64::INFINITY] {
+        fails(ClashOptions { clearance: bad, ..ClashOptions::default() }, "clearance");
+        fails(ClashOptions { tolerance: bad, ..ClashOptions::default() }, "tolerance");
     }
     fails(ClashOptions { a: PartSet::default(), ..ClashOptions::default() }, "empty");
     let mut set = PartSet::default();

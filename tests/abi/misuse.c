@@ -1289,7 +1289,7 @@ static void clashes_of_contexts(void) {
             const oc_clash *it = &found[i];
             CHECK(it->instance[0] == 1 && it->instance[1] == 2 && it->part[0] == 7 && it->part[1] == 7);
             CHECK(it->prim[0] < 4 && it->prim[1] < 4 && it->distance == 0 && it->count == 1 && it->open == 0);
-            CHECK(it->kind == OC_CLASH_CROSSING || it->kind == OC_CLASH_TOUCHING);
+            CHECK(it->kind >= OC_CLASH_CROSSING && it->kind <= OC_CLASH_TOUCHING);
             for (int k = 0; k < 3; k++) CHECK(it->low[k] <= it->first_point[k] && it->first_point[k] <= it->high[k]);
         }
         if (way == 0) memcpy(first, found, sizeof first), firsts = all;

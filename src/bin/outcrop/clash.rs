@@ -22,6 +22,10 @@ pub struct Args {
     /// Distance up to which parts that are apart clash, in the unit of the model
     #[arg(long, value_name = "DISTANCE", default_value = "0", allow_negative_numbers = true, value_parser = distance)]
     clearance: f64,
+    /// Depth up to which closed parts that reach into each other only touch, in the unit of the model: finds how deep
+    /// the others are, up to this. 0: no depths
+    #[arg(long, value_name = "DISTANCE", default_value = "0", allow_negative_numbers = true, value_parser = distance)]
+    tolerance: f64,
     /// List pairs of triangles, not of parts
     #[arg(long)]
     triangles: bool,
@@ -121,6 +125,7 @@ fn options_of(args: &Args) -> Result<ClashOptions, Failure> {
             ..ClashRules::default()
         },
         clearance: args.clearance,
+        tolerance: args.tolerance,
         detail: if args.triangles { ClashDetail::Triangles } else { ClashDetail::Parts },
         limit: args.limit,
     })
@@ -189,6 +194,7 @@ impl Report {
                 "first": side(clash, 0), "second": side(clash, 1),
                 "points": clash.points.map(|p| p.to_array()),
                 "bounds": [clash.bounds.min.to_array(), clash.bounds.max.to_array()],
+                "normal": clash.normal.to_array(), "depth": clash.depth,
                 "distance": clash.distance, "error": clash.error, "count": clash.count,
                 "camera": {"eye": eye.to_array(), "at": at.to_array()},
             });
@@ -209,12 +215,13 @@ impl Report {
 
     fn as_csv(&self) -> String {
         let quoted = |text: &str| format!("\"{}\"", text.replace('"', "\"\""));
-        let mut text = "id,kind,part a,name a,part b,name b,x,y,z,distance,count\n".to_string();
+        let mut text = "id,kind,part a,name a,part b,name b,x,y,z,depth,distance,error,count\n".to_string();
         for c in &self.clashes {
             let [a, b] = [0, 1].map(|i| format!("{},{}", c.parts[i], quoted(self.name(c.instances[i], c.parts[i]))));
             let p = c.points[0];
             let (id, kind) = (c.id(), kind(c.kind));
-            text += &format!("{id:016x},{kind},{a},{b},{},{},{},{},{}\n", p.x, p.y, p.z, c.distance, c.count);
+            let Clash { depth, distance, error, count, .. } = c;
+            text += &format!("{id:016x},{kind},{a},{b},{},{},{},{depth},{distance},{error},{count}\n", p.x, p.y, p.z);
         }
         text
     }
@@ -225,6 +232,9 @@ impl Report {
             let [a, b] = [0, 1].map(|i| format!("{} {:?}", c.parts[i], self.name(c.instances[i], c.parts[i])));
             let p = c.points[0];
             text += &format!("{}\t{a}\t{b}\tat {:.6} {:.6} {:.6}", kind(c.kind), p.x, p.y, p.z);
+            if c.depth > 0.0 {
+                text += &format!("\tdepth {}", c.depth);
+            }
             text += &match c.kind {
                 ClashKind::Clearance => format!("\tdistance {}", c.distance),
                 _ if c.count > 0 => format!("\t{}", common::counted(c.count, "pair of triangles")),
@@ -260,16 +270,20 @@ impl Report {
 fn kind(kind: ClashKind) -> &'static str {
     match kind {
         ClashKind::Crossing => "crossing",
+        ClashKind::Coplanar => "coplanar",
         ClashKind::Touching => "touching",
-        ClashKind::Contained => "contained",
         ClashKind::Clearance => "clearance",
+        ClashKind::Hard => "hard",
+        ClashKind::Piercing => "piercing",
+        ClashKind::Contained => "contained",
+        ClashKind::Duplicate => "duplicate",
     }
 }
 
 /// A camera that shows the place of a clash: its eye, and the point that it looks at.
 fn camera(clash: &Clash) -> (DVec3, DVec3) {
     let at = (clash.bounds.min + clash.bounds.max) * 0.5;
-    let size = (clash.bounds.max - clash.bounds.min).length().max(clash.distance);
+    let size = (clash.bounds.max - clash.bounds.min).length().max(clash.distance).max(clash.depth);
     let size = if size > 0.0 { size } else { at.abs().max_element().max(1.0) * 1e-2 };
     (at + DVec3::new(-0.6, -0.64, 0.48) * (3.0 * size), at)
 }

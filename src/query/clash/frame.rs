@@ -31,9 +31,13 @@ impl Frames {
 fn origin([a, b]: [DBounds; 2], reach: f64) -> DVec3 {
     let (min, max) = (a.min.max(b.min), a.max.min(b.max));
     let middle = (min + max) * 0.5;
-    // A sixteenth of the extent is near enough. Sums of powers of two and coordinates in single precision are exact.
-    let size = ((max - min).abs() + reach).max_element();
+    rounded(middle, ((max - min).abs() + reach).max_element())
+}
+
+/// A point with few digits near another: up to a sixteenth of `size` away along each axis.
+pub(super) fn rounded(p: DVec3, size: f64) -> DVec3 {
+    // Sums of powers of two and coordinates in single precision are exact.
     let step = (size.max(f64::MIN_POSITIVE).log2().floor() - 4.0).clamp(-1000.0, 1000.0).exp2();
-    let rounded = (middle / step).round() * step;
+    let rounded = (p / step).round() * step;
     if rounded.is_finite() { rounded } else { DVec3::ZERO }
 }
