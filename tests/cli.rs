@@ -332,7 +332,7 @@ fn nearest_points_and_distances_are_printed() {
     fails(dir, &["nearest", "m.oc", "--points", "bad.txt"], 2, "line 2");
     fails(dir, &["nearest", "m.oc"], 2, "--point");
     fails(dir, &[&point[..], &["--within", "-1"]].concat(), 2, "0 or more");
-    fails(dir, &[&point[..], &["--from", "99"]].concat(), 1, "part 99");
+    fails(dir, &[&point[..], &["--from", "99"]].concat(), 2, "part 99");
     fails(dir, &["nearest", "no.oc", "--point", "0", "0", "0"], 1, "no.oc");
 }
 
