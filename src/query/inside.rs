@@ -38,6 +38,9 @@ pub struct PartAt {
     pub holds: Holds,
 }
 
+/// Takes the parts around the point with this index: instance, part, winding number.
+type TakeAround<'a> = &'a mut dyn FnMut(usize, &[(u32, u32, i32)]);
+
 /// The direction of the rays that decide, an arbitrary one of length 1.
 const DIR: Vec3 = Vec3::new(0.36, 0.48, 0.8);
 
@@ -66,7 +69,7 @@ impl SceneState {
 
     /// [`SceneState::parts_at`], with the indices of instances and parts, and with winding numbers: 0 for
     /// [`Holds::Undecided`].
-    pub(super) fn parts_around(&self, points: &[DVec3], take: &mut dyn FnMut(usize, &[(u32, u32, i32)])) -> Result<()> {
+    pub(super) fn parts_around(&self, points: &[DVec3], take: TakeAround) -> Result<()> {
         let rays = Each(points, |&point: &DVec3| Ray::new(point, DIR));
         let (mut entrances, mut all) = (Entrances::default(), Vec::new());
         self.crossings_of_parts(&rays, Policy::Exact, &mut |index, met, _| {

@@ -135,9 +135,9 @@ impl Opened {
         let mut sum = [0.0; EIGHT];
         for axis in 0..3 {
             let (low, high) = (b.min[axis], b.max[axis]);
-            for lane in 0..EIGHT {
+            for (lane, sum) in sum.iter_mut().enumerate() {
                 let beyond = positive(greater(self.low[axis][lane] - high, low - self.high[axis][lane]));
-                sum[lane] += beyond * beyond;
+                *sum += beyond * beyond;
             }
         }
         sum
