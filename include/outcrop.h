@@ -1136,8 +1136,8 @@ typedef struct oc_clash_desc {
     /** Distance in world units up to which parts that are apart clash; 0 or more. */
     double clearance;
     /**
-     * Depth in world units up to which closed parts that reach into each other touch, and greatest error of the depth of
-     * others; 0 or more. 0: depths are not sought.
+     * Depth in world units up to which closed parts that reach into each other touch, and greatest error of the depths
+     * of others; 0 or more. 0: depths are not sought.
      */
     double tolerance;
     /** Greatest number of pairs of triangles with OC_CLASH_DETAIL_TRIANGLES. 0: 1048576. */
@@ -1921,8 +1921,8 @@ typedef struct oc_pixels {
 #define OC_CLASH_SKIP_SAME_MATERIAL 8
 
 /**
- * Their surfaces cross. How deep is not known: the tolerance is 0, a part is not closed, or the triangles of both do not
- * fit the budget.
+ * Their surfaces cross. How deep is not known: the tolerance is 0, a part is not closed, or the triangles of both parts
+ * do not fit the budget.
  */
 #define OC_CLASH_CROSSING 1
 
@@ -3392,16 +3392,16 @@ OC_API void oc_part_set_release(struct oc_part_set *set);
  * Parts of one instance are compared too, and each instance of a shared mesh counts. Triangles decide, in exact
  * arithmetic on their corners: these are placed once, in double precision, in a frame near the pair. The result does
  * not depend on the number of threads, on the order of the sets or on the blocks in memory. Parts that have a corner,
- * an edge or an area in common touch or cross: the clearance does not remove them. With a tolerance, it is also found how
- * deep closed parts reach into each other: this reads all triangles of such parts, into memory that counts against the
- * budget.
+ * an edge or an area in common touch or cross: the clearance does not remove them. With a tolerance, the search also
+ * finds how deep closed parts reach into each other: it reads all triangles of such parts, into memory that counts
+ * against the budget.
  *
  * - `desc`: the search. It is copied, the sets too. Initialise it with OC_INIT. NULL: all zeros.
  * - `out_job`: receives the job. oc_job_take_clashes returns what it finds, oc_job_clash_summary the numbers.
  *
  * Errors:
- * - OC_STATUS_INVALID_ARGUMENT: the clearance or the tolerance is negative or not finite, a set is empty, or `detail` or a flag is
- *   unknown.
+ * - OC_STATUS_INVALID_ARGUMENT: the clearance or the tolerance is negative or not finite, a set is empty, or `detail`
+ *   or a flag is unknown.
  * - The job fails with OC_STATUS_INVALID_ARGUMENT if a set names an instance or part that the scene lacks, and with
  *   the error of a disk read.
  *

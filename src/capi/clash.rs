@@ -124,8 +124,8 @@ pub const OC_CLASH_SKIP_SAME_MATERIAL: oc_clash_skip_flags = 8;
 
 /// The way in which two parts clash.
 pub type oc_clash_kind = u32;
-/// Their surfaces cross. How deep is not known: the tolerance is 0, a part is not closed, or the triangles of both do not
-/// fit the budget.
+/// Their surfaces cross. How deep is not known: the tolerance is 0, a part is not closed, or the triangles of both parts
+/// do not fit the budget.
 pub const OC_CLASH_CROSSING: oc_clash_kind = 1;
 /// Their surfaces overlap in a plane, and do not cross. The parts may lie against each other or in one another: that is
 /// not known, for the same reasons.
@@ -167,8 +167,8 @@ pub struct oc_clash_desc {
     pub second: *const oc_part_set,
     /// Distance in world units up to which parts that are apart clash; 0 or more.
     pub clearance: f64,
-    /// Depth in world units up to which closed parts that reach into each other touch, and greatest error of the depth of
-    /// others; 0 or more. 0: depths are not sought.
+    /// Depth in world units up to which closed parts that reach into each other touch, and greatest error of the depths
+    /// of others; 0 or more. 0: depths are not sought.
     pub tolerance: f64,
     /// Greatest number of pairs of triangles with OC_CLASH_DETAIL_TRIANGLES. 0: 1048576.
     pub limit: u64,
@@ -373,16 +373,16 @@ impl oc_clash_desc {
 /// Parts of one instance are compared too, and each instance of a shared mesh counts. Triangles decide, in exact
 /// arithmetic on their corners: these are placed once, in double precision, in a frame near the pair. The result does
 /// not depend on the number of threads, on the order of the sets or on the blocks in memory. Parts that have a corner,
-/// an edge or an area in common touch or cross: the clearance does not remove them. With a tolerance, it is also found how
-/// deep closed parts reach into each other: this reads all triangles of such parts, into memory that counts against the
-/// budget.
+/// an edge or an area in common touch or cross: the clearance does not remove them. With a tolerance, the search also
+/// finds how deep closed parts reach into each other: it reads all triangles of such parts, into memory that counts
+/// against the budget.
 ///
 /// - `desc`: the search. It is copied, the sets too. Initialise it with OC_INIT. NULL: all zeros.
 /// - `out_job`: receives the job. oc_job_take_clashes returns what it finds, oc_job_clash_summary the numbers.
 ///
 /// Errors:
-/// - OC_STATUS_INVALID_ARGUMENT: the clearance or the tolerance is negative or not finite, a set is empty, or `detail` or a flag is
-///   unknown.
+/// - OC_STATUS_INVALID_ARGUMENT: the clearance or the tolerance is negative or not finite, a set is empty, or `detail`
+///   or a flag is unknown.
 /// - The job fails with OC_STATUS_INVALID_ARGUMENT if a set names an instance or part that the scene lacks, and with
 ///   the error of a disk read.
 ///

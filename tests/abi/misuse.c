@@ -1143,8 +1143,10 @@ static void clashes(oc_scene *s0) {
     for (int i = 0; i < 4; i++) {
         desc.clearance = bad[i];
         INVALID(oc_scene_clash_start(s0, &desc, &job));
+        desc.clearance = 0, desc.tolerance = bad[i];
+        INVALID(oc_scene_clash_start(s0, &desc, &job));
+        desc.tolerance = 0;
     }
-    desc.clearance = 0;
     desc.detail = 9;
     INVALID(oc_scene_clash_start(s0, &desc, &job));
     desc.detail = OC_CLASH_DETAIL_TRIANGLES;

@@ -1,12 +1,14 @@
 //! Depths and kinds of clashes with a tolerance, against closed forms and dense samples.
 
 use super::common::brute::Tri;
-use super::common::built::Part;
+use super::common::built::{self, Part};
+use super::common::models;
 use super::common::rng::Rng;
 use super::{World, cuboid, world};
 use glam::{DAffine3, DMat3, DQuat, DVec3};
+use outcrop::base::progress::{Cancel, Progress};
 use outcrop::geom::point_triangle;
-use outcrop::query::clash::{Clash, ClashKind, ClashOptions, PartSet};
+use outcrop::query::clash::{Clash, ClashDetail, ClashKind, ClashOptions, PartSet};
 
 const TOLERANCE: f64 = 1e-5;
 
@@ -321,4 +323,29 @@ fn a_model_moved_by_a_rounding_is_a_duplicate() {
         assert_eq!(clash.kind, ClashKind::Duplicate, "{clash:?}");
         assert!(clash.depth <= 1e-8, "{clash:?}");
     }
+}
+
+/// Bolts in holes: their surfaces cross in many places, and none is deeper than 1e-5 of the diagonal.
+#[test]
+fn bolts_in_holes_touch() {
+    let Some(path) = models::find("cad/as1_assembly.glb") else { return };
+    let (file, _) = built::build_with(built::options(), |builder| builder.add_file(&path).expect("a mesh"));
+    let (scene, model) = built::scene(&built::context(2), &file);
+    let bounds = model.info().bounds;
+    let tolerance = (bounds.max - bounds.min).length() * 1e-5;
+    let ask = |options: &ClashOptions| {
+        let mut found = Vec::new();
+        let take = &mut |clash: &Clash| found.push(*clash);
+        scene.state().clash(options, &Progress::default(), &Cancel::new(), take).expect("an answer");
+        found
+    };
+    let found = ask(&ClashOptions { tolerance, ..ClashOptions::default() });
+    assert_eq!(found.len(), 32);
+    for clash in found {
+        assert_eq!((clash.kind, clash.is_open), (ClashKind::Touching, [false; 2]), "{clash:?}");
+        assert!(clash.error <= tolerance + 1e-9, "{clash:?}");
+    }
+    let all = ask(&ClashOptions { detail: ClashDetail::Triangles, ..ClashOptions::default() });
+    let count = |kind| all.iter().filter(|clash| clash.kind == kind).count();
+    assert_eq!(count(ClashKind::Crossing), 30_650);
 }

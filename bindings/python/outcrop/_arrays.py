@@ -46,8 +46,8 @@ PART_AT = dtype_of(_abi.oc_part_at)
 OVERLAP = dtype_of(_abi.oc_overlap)
 """dtype of a part that intersects a volume: instance, part, kind. See `Overlap`."""
 CLASH = dtype_of(_abi.oc_clash)
-"""dtype of a clash: id, instance, part, prim, first_point, second_point, normal, low, high, depth, distance, error, count,
-kind, open. See `Clash`."""
+"""dtype of a clash: id, instance, part, prim, first_point, second_point, normal, low, high, depth, distance, error,
+count, kind, open. See `Clash`."""
 NEAREST_POINT = dtype_of(_abi.oc_nearest_point)
 """dtype of a nearest point: distance, error, position, instance, part, prim, kind, holds. See `NearestPoint`."""
 TRIANGLE = numpy.dtype({

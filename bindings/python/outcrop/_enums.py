@@ -444,7 +444,7 @@ class ClashKind(enum.IntEnum):
 
     CROSSING = 1
     """Their surfaces cross. How deep is not known: the tolerance is 0, a part is not closed, or the triangles of
-    both do not fit the budget.
+    both parts do not fit the budget.
     """
     COPLANAR = 2
     """Their surfaces overlap in a plane, and do not cross. The parts may lie against each other or in one another:

@@ -1,8 +1,10 @@
 //! `outcrop clash`.
 
+use crate::clash_groups::{Group, Grouping};
 use crate::common::{self, Failure, Outcome};
 use glam::{DAffine3, DVec3};
 use outcrop::base::progress::Progress;
+use outcrop::math::DBounds;
 use outcrop::query::NONE;
 use outcrop::query::clash::{Clash, ClashDetail, ClashKind, ClashOptions, ClashRules, ClashSummary, PartSet};
 use outcrop::scene::{Context, ContextOptions, Model, Scene};
@@ -38,6 +40,9 @@ pub struct Args {
     /// Pairs of part ids that are not compared: a JSON file with a list of pairs, such as [[3, 7], [3, 8]]
     #[arg(long, value_name = "RULES.json")]
     rules: Option<PathBuf>,
+    /// List clashes in groups: those of a part, of two parts, or those whose boxes overlap
+    #[arg(long, value_name = "BY", value_parser = common::one_of(Grouping::ALL, Grouping::name))]
+    group: Option<Grouping>,
     /// An earlier output with --json: each clash is new or remains, and those that are gone are counted
     #[arg(long, value_name = "OLD.json")]
     against: Option<PathBuf>,
@@ -100,7 +105,9 @@ pub fn run(args: &Args) -> Outcome {
         scene.state().clash(&options, &progress, &cancel, &mut |clash| clashes.push(*clash))
     })?;
     bar.finish_and_clear();
-    let report = Report { models, clashes, summary, old };
+    let near = 0.5 * args.clearance + args.tolerance;
+    let groups = args.group.map(|by| (by, by.of(&clashes, near)));
+    let report = Report { models, clashes, summary, old, groups };
     if let Some(path) = &args.csv {
         std::fs::write(path, report.as_csv())
             .map_err(|e| outcrop::Error::io(path.display().to_string(), "write", e))?;
@@ -160,6 +167,7 @@ struct Report {
     clashes: Vec<Clash>,
     summary: ClashSummary,
     old: Option<BTreeSet<u64>>,
+    groups: Option<(Grouping, Vec<Group>)>,
 }
 
 impl Report {
@@ -210,7 +218,28 @@ impl Report {
         if let Some(gone) = self.gone() {
             all["gone"] = gone.into();
         }
+        if let Some((by, groups)) = &self.groups {
+            let id = |i: &usize| format!("{:016x}", self.clashes[*i].id());
+            let group = |group: &Group| json!({"name": self.title(*by, group), "clashes": group.clashes.iter().map(id).collect::<Value>()});
+            all["groups"] = groups.iter().map(group).collect();
+        }
         all
+    }
+
+    /// The name of a group.
+    fn title(&self, by: Grouping, group: &Group) -> String {
+        let clashes = || group.clashes.iter().map(|&i| &self.clashes[i]);
+        let Some(first) = clashes().next() else { return String::new() };
+        let side = |k: usize| self.name(first.instances[k], first.parts[k]);
+        match (by, group.part) {
+            (_, Some([instance, part])) => self.name(instance, part).to_string(),
+            (Grouping::Near, _) => {
+                let bounds = clashes().fold(DBounds::EMPTY, |all, clash| all.union(clash.bounds));
+                let at = (bounds.min + bounds.max) * 0.5;
+                format!("at {:.6} {:.6} {:.6}", at.x, at.y, at.z)
+            }
+            _ => format!("{} and {}", side(0), side(1)),
+        }
     }
 
     fn as_csv(&self) -> String {
@@ -226,26 +255,40 @@ impl Report {
         text
     }
 
-    fn as_text(&self) -> String {
-        let mut text = String::new();
-        for c in &self.clashes {
-            let [a, b] = [0, 1].map(|i| format!("{} {:?}", c.parts[i], self.name(c.instances[i], c.parts[i])));
-            let p = c.points[0];
-            text += &format!("{}\t{a}\t{b}\tat {:.6} {:.6} {:.6}", kind(c.kind), p.x, p.y, p.z);
-            if c.depth > 0.0 {
-                text += &format!("\tdepth {}", c.depth);
-            }
-            text += &match c.kind {
-                ClashKind::Clearance => format!("\tdistance {}", c.distance),
-                _ if c.count > 0 => format!("\t{}", common::counted(c.count, "pair of triangles")),
-                _ => String::new(),
-            };
-            text += match self.is_new(c) {
-                Some(true) => "\tnew\n",
-                Some(false) => "\tremaining\n",
-                None => "\n",
-            };
+    /// The line of a clash.
+    fn line(&self, c: &Clash) -> String {
+        let [a, b] = [0, 1].map(|i| format!("{} {:?}", c.parts[i], self.name(c.instances[i], c.parts[i])));
+        let p = c.points[0];
+        let mut text = format!("{}\t{a}\t{b}\tat {:.6} {:.6} {:.6}", kind(c.kind), p.x, p.y, p.z);
+        if c.depth > 0.0 {
+            text += &format!("\tdepth {}", c.depth);
         }
+        text += &match c.kind {
+            ClashKind::Clearance => format!("\tdistance {}", c.distance),
+            _ if c.count > 0 => format!("\t{}", common::counted(c.count, "triangle pair")),
+            _ => String::new(),
+        };
+        text += match self.is_new(c) {
+            Some(true) => "\tnew\n",
+            Some(false) => "\tremaining\n",
+            None => "\n",
+        };
+        text
+    }
+
+    fn as_text(&self) -> String {
+        let mut text = match &self.groups {
+            None => self.clashes.iter().map(|clash| self.line(clash)).collect(),
+            Some((by, groups)) => {
+                let group = |group: &Group| {
+                    let count = common::counted_as(group.clashes.len() as u64, "clash", "clashes");
+                    let lines: String =
+                        group.clashes.iter().map(|&i| format!("  {}", self.line(&self.clashes[i]))).collect();
+                    format!("{}: {count}\n{lines}", self.title(*by, group))
+                };
+                groups.iter().map(group).collect::<String>()
+            }
+        };
         let open: BTreeSet<(u64, u64)> = self
             .clashes
             .iter()
@@ -261,7 +304,7 @@ impl Report {
             text += "there are more pairs of triangles: see --limit\n";
         }
         if let Some(gone) = self.gone() {
-            text += &format!("{} gone\n", common::counted(gone as u64, "clash"));
+            text += &format!("{} gone\n", common::counted_as(gone as u64, "clash", "clashes"));
         }
         text + &common::counted(self.summary.pairs, "pair") + " of parts"
     }

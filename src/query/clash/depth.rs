@@ -11,6 +11,7 @@
 use super::cut::{Polygon, cut_up, halves};
 use super::solid::Solid;
 use super::through::goes_through;
+use crate::geom::distances::error;
 use crate::geom::point_triangle;
 use crate::math::DBounds;
 use glam::DVec3;
@@ -19,8 +20,8 @@ use std::collections::BinaryHeap;
 /// Pieces that are tried at most for two parts, beside some for each triangle.
 const TRIES: usize = 1 << 17;
 const TRIES_EACH: usize = 16;
-/// Least width of a part of a piece, as a share of its length, with which a division pays.
-const SLIVER: f64 = 1.0 / 64.0;
+/// Least width of a part of a piece, as a share of its length, with which a division pays: beyond it is rounding.
+const SLIVER: f64 = 1.0 / (1 << 20) as f64;
 
 /// How two solids, whose surfaces have common points or of which one is in the other, reach into each other.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -63,8 +64,8 @@ struct Piece {
     of: usize,
     /// Bound of the distances of its points from the surface of the other solid.
     upper: f64,
-    /// A point of the plane between the parts that are nearer to one of two triangles, and its normal.
-    between: [DVec3; 2],
+    /// A point of a plane along which it pays to divide the piece, and its normal.
+    across: [DVec3; 2],
 }
 
 impl PartialEq for Piece {
@@ -95,7 +96,10 @@ struct Search<'a> {
     rounding: f64,
     /// The greatest bound of pieces that are left aside.
     left: f64,
+    /// A bound that is no more than this above the best is near enough.
     tolerance: f64,
+    /// So is a bound up to this, while the best is not above it.
+    enough: f64,
     tries: usize,
 }
 
@@ -109,7 +113,7 @@ impl Two<'_> {
     pub fn reach(&self) -> Reach {
         let triangles: usize = self.solids.iter().map(|s| s.triangles.len()).sum();
         let tries = TRIES + TRIES_EACH * triangles;
-        let mut search = Search::new(self, self.tolerance, 0.0, tries);
+        let mut search = Search { enough: self.tolerance, ..Search::new(self, self.tolerance, 0.0, tries) };
         let [(is_outside_a, a), (is_outside_b, b)] = [0, 1].map(|of| self.sides(of, &mut search));
         search.finish(f64::INFINITY);
         let of_point = |of: usize, p: DVec3| p + self.solids[of].origin;
@@ -183,7 +187,14 @@ impl Two<'_> {
 impl<'a> Search<'a> {
     fn new(two: &'a Two<'a>, tolerance: f64, least: f64, tries: usize) -> Self {
         let (heap, at) = (BinaryHeap::new(), None);
-        Self { two, heap, best: least, at, rounding: 0.0, left: 0.0, tolerance, tries }
+        Self { two, heap, best: least, at, rounding: 0.0, left: 0.0, tolerance, enough: 0.0, tries }
+    }
+
+    /// Pieces with bounds up to this are left aside.
+    fn settled(&self) -> f64 {
+        // Whether the depth is above the tolerance is decided to a sixteenth of it.
+        let near = if self.best > self.enough { self.tolerance } else { self.tolerance / 16.0 };
+        (self.best + near).max(self.enough)
     }
 
     /// Tries a piece: its middle, and its corner that is farthest from the triangle nearest to the middle.
@@ -200,14 +211,15 @@ impl<'a> Search<'a> {
         self.offer(of, centre, &near);
         // The corners of pieces have errors of a few roundings.
         let upper = (near.bounds()[1] + farthest).min(greatest) + near.error;
-        if upper <= self.best + self.tolerance {
+        if upper <= self.settled() {
             self.left = self.left.max(upper);
             return;
         }
         let Some((of_corner, _)) = other.nearest(corner) else { return };
         self.offer(of, corner, &of_corner);
-        let between = between([centre, near.point], [corner, of_corner.point]);
-        self.heap.push(Piece { corners, of, upper, between });
+        let across =
+            beyond(corner, triangle).unwrap_or_else(|| between([centre, near.point], [corner, of_corner.point]));
+        self.heap.push(Piece { corners, of, upper, across });
     }
 
     fn offer(&mut self, of: usize, p: DVec3, near: &crate::geom::Nearest) {
@@ -221,8 +233,7 @@ impl<'a> Search<'a> {
     /// all tries are used up.
     fn finish(&mut self, enough: f64) {
         while let Some(piece) = self.heap.pop() {
-            let is_settled = piece.upper <= self.best + self.tolerance;
-            if is_settled || self.tries == 0 || self.best > enough {
+            if piece.upper <= self.settled() || self.tries == 0 || self.best > enough {
                 // No other piece has a greater bound.
                 self.left = self.left.max(piece.upper);
                 return;
@@ -244,6 +255,18 @@ fn middle(corners: &[DVec3]) -> DVec3 {
     corners.iter().sum::<DVec3>() / corners.len() as f64
 }
 
+/// A plane through an edge of a triangle, across its plane: the one that a point is farthest beyond. `None` if the point
+/// is above or below the triangle.
+fn beyond(p: DVec3, triangle: &[DVec3; 3]) -> Option<[DVec3; 2]> {
+    let normal = (triangle[1] - triangle[0]).cross(triangle[2] - triangle[0]);
+    let edges = [0, 1, 2].map(|i| {
+        let outward = (triangle[(i + 1) % 3] - triangle[i]).cross(normal).normalize_or_zero();
+        (outward.dot(p - triangle[i]), [triangle[i], outward])
+    });
+    let (height, plane) = edges.into_iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
+    (height > error(triangle.iter().copied().chain([p]))).then_some(plane)
+}
+
 /// A plane whose points are equally far from two planes: each goes through the second point of a pair and faces the
 /// first. A point of it, and its normal.
 fn between([p, q]: [DVec3; 2], [r, s]: [DVec3; 2]) -> [DVec3; 2] {
@@ -252,16 +275,16 @@ fn between([p, q]: [DVec3; 2], [r, s]: [DVec3; 2]) -> [DVec3; 2] {
     [p + normal * ((n.dot(p - s) - m.dot(p - q)) / normal.length_squared()), normal.normalize_or_zero()]
 }
 
-/// Both halves of a piece. On either side of the plane between two triangles the distance is that to one of them, so
-/// that its greatest value is at a corner: a middle line between two faces needs no further division. If that plane
-/// leaves little on one side, the piece is divided across the longest way between two of its corners.
+/// Both halves of a piece. The distance to one triangle bounds that to the surface well on one side of an edge, or of a
+/// middle line between two faces, and the distance to another on the other side: so a piece is divided there, and else
+/// across the longest way between two of its corners.
 fn divided(piece: &Piece) -> [Polygon; 2] {
-    let ([at, normal], corners) = (piece.between, &piece.corners);
+    let ([at, normal], corners) = (piece.across, &piece.corners);
     let pairs = corners.iter().enumerate().flat_map(|(i, p)| corners[..i].iter().map(move |q| (*p, *q)));
     let longest = pairs.max_by(|a, b| a.0.distance_squared(a.1).total_cmp(&b.0.distance_squared(b.1)));
     let (p, q) = longest.unwrap_or_default();
-    let (low, high) =
-        corners.iter().map(|&p| normal.dot(p - at)).fold((0.0, 0.0), |(l, h): (f64, f64), x| (l.min(x), h.max(x)));
+    let heights = corners.iter().map(|&p| normal.dot(p - at));
+    let (low, high) = heights.fold((0.0f64, 0.0f64), |(low, high), x| (low.min(x), high.max(x)));
     let least = p.distance(q) * SLIVER;
     if low < -least && high > least { halves(corners, at, normal) } else { halves(corners, (p + q) * 0.5, q - p) }
 }

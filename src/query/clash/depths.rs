@@ -7,6 +7,7 @@ use super::task::{PartKey, Task};
 use crate::base::error::{Error, Result};
 use crate::base::tasks::Work;
 use crate::residency::Kept;
+use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Mutex, PoisonError};
 
@@ -59,8 +60,8 @@ impl<'a> Depths<'a> {
             other => other?,
         }
         for key in needed {
-            if !self.solids.contains_key(&key) {
-                self.solids.insert(key, Solid::read(task.scene, key, task.cancel())?);
+            if let Entry::Vacant(entry) = self.solids.entry(key) {
+                entry.insert(Solid::read(task.scene, key, task.cancel())?);
             }
         }
         let found = pairs.iter().map(|_| Mutex::new(None)).collect();
