@@ -347,8 +347,7 @@ fn nearest_points_and_distances_are_printed() {
     let table = std::fs::read_to_string(dir.join("m.csv")).unwrap();
     let row = table.lines().nth(2).unwrap();
     assert!(table.lines().count() == 3 && row.starts_with("5.5,0.5,0.5,0.5,") && row.contains("\"far\""), "{table}");
-    let columns = |line: &str| line.split(',').count();
-    assert!(table.lines().all(|line| columns(line) == 12), "{table}");
+    assert!(table.lines().all(|line| line.split(',').count() == 12), "{table}");
     std::fs::write(dir.join("bad.txt"), "1 2 3\n1 2\n").unwrap();
     fails(dir, &["nearest", "m.oc", "--points", "bad.txt"], 2, "line 2");
     fails(dir, &["nearest", "m.oc"], 2, "--point");
