@@ -286,7 +286,7 @@ fn boxes_have_the_distance_of_the_closed_form() {
 #[test]
 fn budgets_threads_and_missing_blocks_do_not_matter() {
     let file = built::build_with(built::options(), |builder| {
-        let options = GenerateOptions { triangles: 40_000, seed: 3 };
+        let options = GenerateOptions { triangles: 100_000, seed: 3 };
         generate("airliner", &options, &Cancel::new(), builder).expect("an airliner");
     })
     .0;
@@ -304,7 +304,7 @@ fn budgets_threads_and_missing_blocks_do_not_matter() {
     let (all, model, _context) = open(2, 0);
     let bounds = all.state().bounds();
     let mut rng = Rng::new(62);
-    let points: Vec<DVec3> = (0..700).map(|_| rng.inside(bounds.min - 2.0, bounds.max + 2.0)).collect();
+    let points: Vec<DVec3> = (0..400).map(|_| rng.inside(bounds.min - 2.0, bounds.max + 2.0)).collect();
     // What a cold model says at once.
     let now = NearestOptions { policy: Policy::Now, ..NearestOptions::default() };
     let mut cold = vec![NearestPoint::MISS; points.len()];
