@@ -1231,6 +1231,105 @@ typedef struct oc_clash_summary {
     uint64_t pairs;
 } oc_clash_summary;
 
+/** Flags of oc_nearest_desc. */
+typedef uint32_t oc_nearest_flags;
+
+/** A batch of points whose nearest points are searched. All zeros: no points, of all parts, without a limit. */
+typedef struct oc_nearest_desc {
+    /** Size of this struct in bytes; OC_INIT sets it. */
+    uint32_t struct_size;
+    /** OC_NEAREST_ flags, combined with `|`. */
+    oc_nearest_flags flags;
+    /** The points, 3 doubles each, world space. Must be finite. May be NULL if `count` is 0. */
+    const double *points;
+    /** Number of points. */
+    uint64_t count;
+    /** Bytes from one point to the next. 0: tightly packed. */
+    uint64_t stride;
+    /** The parts that are searched. NULL: all parts. */
+    const struct oc_part_set *parts;
+    /** Distance in world units beyond which nothing is found. 0: no limit. */
+    double max_distance;
+} oc_nearest_desc;
+
+/** The nearest point of the surfaces of parts. Element of an array. */
+typedef struct oc_nearest_point {
+    /**
+     * Distance from the point that was asked for to the nearest triangle, in world units, also from inside of a part.
+     * Miss: infinity.
+     */
+    double distance;
+    /**
+     * The exact distance differs from `distance` by no more than this, in world units: rounding and stored positions,
+     * and with OC_HIT_MISSING what is not in memory. Infinity: the exact distance is `distance` or more, and may be
+     * beyond the limit. Miss: 0.
+     */
+    double error;
+    /**
+     * The nearest point, world space. OC_HIT_MISSING without a part: the middle of a box that holds surface, or
+     * infinity. Miss: infinity.
+     */
+    double position[3];
+    /** Id of the instance, as passed to oc_scene_add_instance. OC_NO_ID: unknown, or a miss. */
+    uint64_t instance;
+    /** Id of the part, as passed when the model was built. OC_NO_ID: unknown, or a miss. */
+    uint64_t part;
+    /** Index of the triangle in the input of the build, from 0. OC_NO_ID: unknown, or a miss. */
+    uint64_t prim;
+    /**
+     * OC_HIT_EXACT. OC_HIT_MISS: no triangle is within the limit. OC_HIT_MISSING, only with OC_NEAREST_NOW: data is
+     * not in memory, so that the distance or the id of the triangle is not exact.
+     */
+    oc_hit_kind kind;
+    /**
+     * With OC_NEAREST_INSIDE one of the OC_HOLDS_ constants if a part of the set holds the point that was asked for.
+     * Otherwise 0.
+     */
+    oc_holds holds;
+} oc_nearest_point;
+
+/** A search for the distance of two sets of parts. All zeros: of all parts, the nearest two. */
+typedef struct oc_distance_desc {
+    /** Size of this struct in bytes; OC_INIT sets it. */
+    uint32_t struct_size;
+    /** Must be 0. */
+    uint32_t reserved;
+    /** The first set. NULL: all parts. */
+    const struct oc_part_set *first;
+    /** The second set. NULL: the other parts of `first`. */
+    const struct oc_part_set *second;
+    /** Distance in world units beyond which nothing is found: the search then ends early. 0: no limit. */
+    double max_distance;
+} oc_distance_desc;
+
+/**
+ * The distance of two sets of parts, and two points that have it. The first of two is of the first set; of one set,
+ * that of the instance that was added first, or of the part that is first in the model.
+ */
+typedef struct oc_distance {
+    /** Size of this struct in bytes; OC_INIT sets it. */
+    uint32_t struct_size;
+    /**
+     * 1: found. 0: the distance is greater than the limit, or there are no two parts. Other members are then not set,
+     * and `distance` is infinity.
+     */
+    uint32_t found;
+    /** Distance in world units. 0: triangles have a common point. */
+    double distance;
+    /** Bound of the error of `distance`, in world units: of rounding and of stored positions. 0 if `distance` is 0. */
+    double error;
+    /** The point of the first set, world space. */
+    double first_point[3];
+    /** The point of the second set, world space. */
+    double second_point[3];
+    /** Ids of the instances. */
+    uint64_t instance[2];
+    /** Ids of the parts. */
+    uint64_t part[2];
+    /** Indices of the triangles in the inputs of the builds, from 0. */
+    uint64_t prim[2];
+} oc_distance;
+
 /**
  * Direction of a view, relative to an up axis. Front is the side towards -Y if Z is up, +Z if Y is up, +Y if X is up.
  * Left and right are as seen from the front.
@@ -1865,6 +1964,16 @@ typedef struct oc_pixels {
 
 /** The second part is not closed. */
 #define OC_CLASH_OPEN_SECOND 2
+
+/** Fill `oc_nearest_point.holds`: whether a part of the set holds the point. Not together with OC_NEAREST_NOW. */
+#define OC_NEAREST_INSIDE 1
+
+/**
+ * Answer at once from the data in memory. The exact distance is within `oc_nearest_point.error` of each answer. The
+ * call neither reads nor requests data (oc_scene_prefetch_box does). Without the flag, the call reads all data that it
+ * needs, and the answers do not depend on the data in memory.
+ */
+#define OC_NEAREST_NOW 2
 
 /** From the front, the right and above, all three at the same angle. */
 #define OC_VIEW_ISO_FRONT_RIGHT 0
@@ -3337,6 +3446,50 @@ oc_status oc_job_take_clashes(const struct oc_job *job,
 OC_API
 oc_status oc_job_clash_summary(const struct oc_job *job,
                                struct oc_clash_summary *out_summary);
+
+/**
+ * Finds, for each point, the nearest point of the visible parts of the committed scene.
+ *
+ * Distances are exact within `oc_nearest_point.error`. Of triangles at the same distance, that of the instance added
+ * first counts, of one instance that of the part that comes first in the model, and then that with the least index.
+ *
+ * - `desc`: the points and options. Initialise it with OC_INIT.
+ * - `out_points`: receives one answer for each point. Do not use it if the call fails.
+ * - `out_stride`: bytes from one answer to the next. 0: tightly packed.
+ *
+ * Errors:
+ * - OC_STATUS_INVALID_ARGUMENT: a point is not finite, the limit is negative or NaN, the set is empty or names an
+ *   instance or part that the scene lacks, a flag is unknown, or both flags are set.
+ * - OC_STATUS_IO, OC_STATUS_CORRUPT: a block of the model cannot be read.
+ *
+ * Thread safety: any thread. Frames and other batches may be in flight. Blocks; may read the disk.
+ */
+OC_API
+oc_status oc_scene_nearest(const struct oc_scene *scene,
+                           const struct oc_nearest_desc *desc,
+                           struct oc_nearest_point *out_points,
+                           uint64_t out_stride);
+
+/**
+ * Finds the distance between the visible parts of two sets in the committed scene, and the two nearest points.
+ *
+ * The distance is that of surfaces: a part inside of another one has a distance from it. Whether it is 0 is decided
+ * in exact arithmetic on corners that are placed once in double precision. A part is not compared with itself, even
+ * if it is in both sets; parts of one instance are compared with each other. Of several pairs of points at the same
+ * distance one is returned, the same in each call: it does not depend on the number of threads, on the order of the
+ * sets or on the blocks in memory.
+ *
+ * - `desc`: the sets and the limit. Initialise it with OC_INIT. NULL: all zeros.
+ * - `out_distance`: receives the distance. Initialise it with OC_INIT.
+ *
+ * Errors: as for oc_scene_nearest.
+ *
+ * Thread safety: any thread. Frames and batches may be in flight. Blocks; may read the disk.
+ */
+OC_API
+oc_status oc_scene_distance(const struct oc_scene *scene,
+                            const struct oc_distance_desc *desc,
+                            struct oc_distance *out_distance);
 
 /**
  * Returns the camera that shows the visible parts of the scene, or chosen ones, as large as the picture allows: their

@@ -512,6 +512,26 @@ class scene : public scene_handle {
         check(oc_scene_clash_start(get(), &desc, j.put()));
         return j;
     }
+    /** The nearest points of `desc.points`. */
+    std::vector<oc_nearest_point> nearest(const oc_nearest_desc &desc) const {
+        std::vector<oc_nearest_point> found(static_cast<std::size_t>(desc.count));
+        check(oc_scene_nearest(get(), &desc, found.data(), 0));
+        return found;
+    }
+    std::vector<oc_nearest_point> nearest(const double (*points)[3], std::size_t count,
+                                          oc_nearest_flags flags = 0) const {
+        auto desc = init<oc_nearest_desc>();
+        desc.points = points ? points[0] : nullptr;
+        desc.count = count;
+        desc.flags = flags;
+        return nearest(desc);
+    }
+    /** The distance of two sets of parts. */
+    oc_distance distance(const oc_distance_desc &desc) const {
+        auto found = init<oc_distance>();
+        check(oc_scene_distance(get(), &desc, &found));
+        return found;
+    }
     oc_camera fit(const oc_fit &desc, const std::vector<oc_part_ref> &parts = {}) const {
         auto camera = init<oc_camera>();
         check(oc_scene_fit(get(), &desc, parts.data(), parts.size(), 0, &camera));

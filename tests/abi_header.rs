@@ -25,6 +25,7 @@ const SOURCES: &[&str] = &[
     "inside.rs",
     "overlap.rs",
     "clash.rs",
+    "nearest.rs",
     "fit.rs",
     "frame.rs",
     "pixels.rs",

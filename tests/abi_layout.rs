@@ -13,6 +13,7 @@ use outcrop::capi::inside::oc_part_at;
 use outcrop::capi::job::oc_progress;
 use outcrop::capi::looks::oc_look;
 use outcrop::capi::model::{oc_io, oc_model_info, oc_part_info};
+use outcrop::capi::nearest::{oc_distance, oc_distance_desc, oc_nearest_desc, oc_nearest_point};
 use outcrop::capi::overlap::{oc_overlap, oc_plane};
 use outcrop::capi::pixels::{oc_pixels, oc_target};
 use outcrop::capi::query::{oc_hit, oc_query, oc_ray};
@@ -105,6 +106,10 @@ fn layouts() -> Vec<Layout> {
             open,
         }
         oc_clash_summary { struct_size, is_cut, clashes, pairs }
+        oc_nearest_desc { struct_size, flags, points, count, stride, parts, max_distance }
+        oc_nearest_point { distance, error, position, instance, part, prim, kind, holds }
+        oc_distance_desc { struct_size, reserved, first, second, max_distance }
+        oc_distance { struct_size, found, distance, error, first_point, second_point, instance, part, prim }
         oc_fit {
             struct_size, kind, width, height, view, up_axis, direction, up, fov_y, margin, flags, reserved,
         }

@@ -3,6 +3,7 @@
 mod common;
 #[path = "clash/depths.rs"]
 mod depths;
+mod nearest;
 
 use common::brute::Tri;
 use common::built::{self, Part};

@@ -305,6 +305,57 @@ fn clashes_are_listed_and_compared_with_earlier_ones() {
     fails(dir, &["clash", "m.oc", "--against", "rules.json"], 2, "outcrop clash --json");
 }
 
+/// Two boxes and points around them; as text, JSON and CSV.
+#[test]
+fn nearest_points_and_distances_are_printed() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let mut obj = String::new();
+    for (i, (name, x)) in [("near", 0.0), ("far", 4.0)].iter().enumerate() {
+        obj += &format!("o {name}\n");
+        for k in 0..8 {
+            obj += &format!("v {} {} {}\n", x + f64::from(k & 1), k >> 1 & 1, k >> 2);
+        }
+        for face in [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]] {
+            let f = face.map(|v: usize| 8 * i + v + 1);
+            obj += &format!("f {} {} {} {}\n", f[0], f[1], f[2], f[3]);
+        }
+    }
+    std::fs::write(dir.join("m.obj"), obj).unwrap();
+    json(dir, &["build", "m.obj", "-o", "m.oc"]);
+    let point = ["nearest", "m.oc", "--point", "-2", "0.25", "0.5"];
+    let all = json(dir, &[&point[..], &["--point", "0.5", "0.5", "0.25", "--inside"]].concat());
+    let each = |i: usize| {
+        let it = &all["points"][i];
+        (it["distance"].as_f64().unwrap(), it["name"].as_str().unwrap(), it["inside"].as_str().unwrap())
+    };
+    assert_eq!([each(0), each(1)], [(2.0, "near", "outside"), (0.25, "near", "inside")]);
+    assert_eq!(all["points"][0]["position"], serde_json::json!([0.0, 0.25, 0.5]));
+    let [near, far] = [0, 1].map(|i: usize| {
+        let at = [["-1", "0.5", "0.5"], ["9", "0.5", "0.5"]][i];
+        let all = json(dir, &[&["nearest", "m.oc", "--point"][..], &at].concat());
+        all["points"][0]["part"].to_string()
+    });
+    let all = json(dir, &["nearest", "m.oc", "--from", &near, "--to", &far]);
+    assert_eq!((&all["distance"], &all["to"]["name"]), (&serde_json::json!(3.0), &serde_json::json!("far")));
+    let all = json(dir, &["nearest", "m.oc", "--from", &near, "--to", &far, "--within", "2.5"]);
+    assert!(all["distance"].is_null());
+    std::fs::write(dir.join("points.txt"), "-2, 0.25, 0.5\n\n5.5 0.5 0.5\n").unwrap();
+    let file = ["nearest", "m.oc", "--points", "points.txt", "--from", &far, "--within", "1", "--csv", "m.csv"];
+    let text = String::from_utf8(outcrop(dir, &file).stdout).unwrap();
+    assert!(text.lines().count() == 2 && text.contains("nothing within") && text.contains("distance 0.5"), "{text}");
+    let table = std::fs::read_to_string(dir.join("m.csv")).unwrap();
+    let row = table.lines().nth(2).unwrap();
+    assert!(table.lines().count() == 3 && row.starts_with("5.5,0.5,0.5,0.5,") && row.contains("\"far\""), "{table}");
+    assert!(table.lines().all(|line| line.split(',').count() == 12), "{table}");
+    std::fs::write(dir.join("bad.txt"), "1 2 3\n1 2\n").unwrap();
+    fails(dir, &["nearest", "m.oc", "--points", "bad.txt"], 2, "line 2");
+    fails(dir, &["nearest", "m.oc"], 2, "--point");
+    fails(dir, &[&point[..], &["--within", "-1"]].concat(), 2, "0 or more");
+    fails(dir, &[&point[..], &["--from", "99"]].concat(), 2, "part 99");
+    fails(dir, &["nearest", "no.oc", "--point", "0", "0", "0"], 1, "no.oc");
+}
+
 /// A closed tetrahedron with an open triangle behind it.
 #[test]
 fn crossings_are_listed_with_the_parts_around_the_start() {

@@ -318,7 +318,7 @@ impl LongWork for ClashWork {
 ///
 /// # Safety
 /// `set` is NULL or a live handle.
-unsafe fn set_of(set: *const oc_part_set) -> Checked<Option<PartSet>> {
+pub(super) unsafe fn set_of(set: *const oc_part_set) -> Checked<Option<PartSet>> {
     if set.is_null() {
         return Ok(None);
     }

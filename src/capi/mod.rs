@@ -25,6 +25,7 @@ pub mod inside;
 pub mod job;
 pub mod looks;
 pub mod model;
+pub mod nearest;
 pub mod overlap;
 pub mod pixels;
 pub mod prefetch;

@@ -38,6 +38,9 @@ pub struct PartAt {
     pub holds: Holds,
 }
 
+/// Takes the parts around the point with this index: instance, part, winding number.
+type TakeAround<'a> = &'a mut dyn FnMut(usize, &[(u32, u32, i32)]);
+
 /// The direction of the rays that decide, an arbitrary one of length 1.
 const DIR: Vec3 = Vec3::new(0.36, 0.48, 0.8);
 
@@ -56,16 +59,25 @@ impl SceneState {
     ///
     /// Blocks; may read the disk. Thread-safe. Fails like [`SceneState::crossings`].
     pub fn parts_at(&self, points: &[DVec3], take: &mut dyn FnMut(usize, &[PartAt])) -> Result<()> {
+        let mut parts = Vec::new();
+        self.parts_around(points, &mut |index, all| {
+            parts.clear();
+            parts.extend(all.iter().map(|&(instance, part, winding)| self.part_at(instance, part, winding)));
+            take(index, &parts);
+        })
+    }
+
+    /// [`SceneState::parts_at`], with the indices of instances and parts, and with winding numbers: 0 for
+    /// [`Holds::Undecided`].
+    pub(super) fn parts_around(&self, points: &[DVec3], take: TakeAround) -> Result<()> {
         let rays = Each(points, |&point: &DVec3| Ray::new(point, DIR));
-        let (mut entrances, mut all, mut parts) = (Entrances::default(), Vec::new(), Vec::new());
+        let (mut entrances, mut all) = (Entrances::default(), Vec::new());
         self.crossings_of_parts(&rays, Policy::Exact, &mut |index, met, _| {
             all.clear();
             self.closed_around(met, &mut all);
             self.open_around(points[index], &mut entrances, &mut all);
             all.sort_unstable_by_key(|&(instance, part, _)| (instance, part));
-            parts.clear();
-            parts.extend(all.iter().map(|&(instance, part, winding)| self.part_at(instance, part, winding)));
-            take(index, &parts);
+            take(index, &all);
         })
     }
 

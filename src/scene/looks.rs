@@ -199,8 +199,19 @@ fn placed(model: &Model) -> impl Iterator<Item = (&TreeRow, u32)> {
 
 /// Returns the visible parts in and below each block of a tree whose local part 0 is `first_part`.
 fn shown_blocks(looks: &PartLooks, row: &TreeRow, first_part: u32, sets: &PartSets) -> ShownBlocks {
+    blocks_of(&|part| !looks.hides(first_part.saturating_add(part)), row, sets)
+}
+
+/// Returns which of some parts are in and below each block of a tree; `has` is true for these, as parts of the tree.
+/// Fails like [`Model::part_sets`].
+pub(crate) fn blocks_with(model: &Model, tree: u32, has: &dyn Fn(u32) -> bool) -> Result<ShownBlocks> {
+    let sets = model.part_sets()?;
+    Ok(blocks_of(has, &model.blocks().file().trees()[tree as usize], &sets))
+}
+
+fn blocks_of(has: &dyn Fn(u32) -> bool, row: &TreeRow, sets: &PartSets) -> ShownBlocks {
     let of_parts = |parts: &mut dyn Iterator<Item = u32>| {
-        let visible = parts.filter(|&part| !looks.hides(first_part.saturating_add(part)));
+        let visible = parts.filter(|&part| has(part));
         visible.fold(ShownBlock::NOTHING, |all, part| ShownBlock {
             bits: all.bits | summary_bit(part),
             part: all.part.min(part),

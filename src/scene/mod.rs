@@ -34,4 +34,5 @@ pub use light::{Background, Light, LightKind};
 pub use model::{Model, ModelInfo, ModelMemory, ModelParts, PartInfo};
 
 pub use looks::Look;
+pub(crate) use looks::blocks_with;
 pub use state::SceneState;

@@ -30,6 +30,8 @@ pub(crate) struct Placed {
     local_bounds: DBounds,
     /// Largest singular value of `linear`: no distance grows by a larger factor.
     pub stretch: f64,
+    /// A bound below the least singular value of `linear`: no distance grows by a smaller factor.
+    pub shrink: f64,
     /// Relative rounding error of a transformation to the tree's frame and back.
     loss: f64,
     /// Greatest distance of stored vertices from the input's vertices, in the world.
@@ -166,6 +168,7 @@ impl Placed {
             max_coord: f64::from(tree.max_coord),
             local_bounds: tree.bounds,
             stretch,
+            shrink: if unturned { 1.0 } else { 1.0 / largest_singular_value(&inverse) },
             loss: if unturned { 8.0 * f64::EPSILON } else { loss(&linear, &inverse).max(loss(&inverse, &linear)) },
             position_error: tree.position_error * stretch,
             bounds,
@@ -209,6 +212,12 @@ impl Placed {
     pub fn in_mesh(&self, ray: &Ray) -> (DVec3, DVec3) {
         let (origin, dir) = (ray.origin - self.mesh_origin, ray.dir.as_dvec3());
         if self.unturned { (origin, dir) } else { (self.inverse * origin, self.inverse * dir) }
+    }
+
+    /// The map from the tree's frame to that with the axes of the world and its origin at `p`.
+    #[inline]
+    pub fn frame_around(&self, p: DVec3) -> DAffine3 {
+        DAffine3 { matrix3: self.linear, translation: self.offset - p }
     }
 
     /// True if both are trees of one mesh, which was divided, in one place.
@@ -286,6 +295,14 @@ impl Placed {
     #[inline(always)]
     pub fn rounding(&self, size: f64) -> f64 {
         (size + self.offset.abs().max_element() + self.stretch * self.max_coord) * self.loss
+    }
+
+    /// Bound of the rounding of a corner's place relative to a point of the world within `size` of zero: some of the
+    /// terms of its coordinates, and of those of the tree's origin.
+    #[inline]
+    pub fn corner_rounding(&self, size: f64) -> f64 {
+        let origins = self.offset.abs().max_element() + 2.0 * self.mesh_origin.abs().max_element();
+        (size + origins + 2.0 * self.stretch * self.max_coord) * (16.0 * f64::EPSILON)
     }
 
     /// [`Placed::rounding`] of the point `along` from `origin`.

@@ -13,7 +13,9 @@ use crate::base::error::Result;
 use crate::base::ids::BlockId;
 use crate::math::Ray;
 use crate::residency::{Held, Lease, Shown};
-use crate::structure::{LocalRay, NEVER, Outcome, PartFilter, Tree, TriHit, Triangle, Visit, Walk, Within};
+use crate::structure::{
+    LocalRay, NEVER, Outcome, PartFilter, ShownBlocks, Tree, TriHit, Triangle, Visit, Walk, Within,
+};
 use std::sync::atomic::AtomicBool;
 
 /// A block that a job needs.
@@ -304,9 +306,14 @@ impl<'a> SceneView<'a> {
     /// A placed tree with its blocks in memory.
     #[inline]
     pub fn tree(&self, placed: u32) -> Tree<'a> {
+        self.tree_showing(placed, self.scene.shown_blocks(placed))
+    }
+
+    /// A placed tree of which walks pass by the blocks that `shown` has no parts of.
+    #[inline]
+    pub fn tree_showing(&self, placed: u32, shown: Option<&'a ShownBlocks>) -> Tree<'a> {
         let p = &self.scene.placement.placed[placed as usize];
         let Self { accept_missing, ties_by_place, stamp, stop, .. } = *self;
-        let shown = self.scene.shown_blocks(placed);
         let visit = Visit { accept_missing, ties_by_place, stamp, shown, proxies: None, stop };
         self.model_of(placed).tree_in(p.tree, &self.snapshots.0[p.model as usize], visit)
     }

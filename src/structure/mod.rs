@@ -4,7 +4,8 @@
 //! that reject hits), `place` and `cursor` (descent through a tree of any structure), `walk`, `packet` and `stream`
 //! (the state of rays), `tree` (one enum over all structures: rays in, hits out), `open` (from a file to its trees, and
 //! the decoder for residency), `nodes` (nodes by their places, for programs that walk trees by themselves), `bake`
-//! (triangles in, blocks out), `pairs` (walks through pairs of trees), `streams` (per-triangle numbers in blocks of
+//! (triangles in, blocks out), `pairs` (walks through pairs of trees), `eight` (children
+//! and triangles by lanes), `nearest` (distances from a point to them), `streams` (per-triangle numbers in blocks of
 //! their own), `fallback` (packets and streams for a structure that traces single rays only).
 //!
 //! Each structure is a folder with three main modules: `build` (triangles in, blocks out), `layout` (the bytes of a
@@ -20,9 +21,11 @@ mod bytes;
 pub mod bvh;
 pub mod cell;
 pub mod cursor;
+pub mod eight;
 pub mod fallback;
 pub mod filter;
 pub mod hit;
+pub mod nearest;
 pub mod nodes;
 pub mod open;
 pub mod packet;
@@ -43,6 +46,7 @@ pub mod tree;
 pub mod walk;
 
 pub use cursor::{Below, Descent, for_each_triangle};
+pub use eight::{EIGHT, Eight, Lanes};
 pub use filter::{PartFilter, ShownBlock, ShownBlocks, Within};
 pub use hit::{Counters, Outcome, StandIn, TriHit, Triangle};
 pub use nodes::{LeafTriangle, Node};

@@ -11,6 +11,7 @@ use super::brute;
 use super::bvh;
 use super::cell::{CellParts, Cells};
 use super::cursor::Below;
+use super::eight::Eight;
 #[cfg(any(test, feature = "brute"))]
 use super::fallback::SingleWalks;
 use super::filter::{PartFilter, ShownBlocks};
@@ -344,6 +345,17 @@ impl<'a> Tree<'a> {
     /// Counts as a use of the block.
     pub fn expand(&self, place: Place, below: &mut Below) -> Result<(), BlockId> {
         of_each!(&self.blocks, own => own.expand(place, below))
+    }
+
+    /// Calls `each` with the children or triangles of a place, up to eight at a time in `out`. Fails with the block of
+    /// the place if that is not in memory. Counts as a use of the block.
+    #[inline(always)]
+    pub fn eights(&self, place: Place, out: &mut Eight, mut each: impl FnMut(&Eight)) -> Result<(), BlockId> {
+        match &self.blocks {
+            Blocks::Bvh(own) => own.eights(place, out, &mut each),
+            #[cfg(any(test, feature = "brute"))]
+            Blocks::Brute(own) => super::eight::eights_of(|below| own.expand(place, below), out, &mut each),
+        }
     }
 
     /// Bounds of everything that rays can hit, stand-ins included, in the tree's frame; `None` if the root is not in

@@ -1388,6 +1388,98 @@ static void crossings(oc_scene *s0) {
     free(rays), free(found), free(ends);
 }
 
+/* Points outside and inside of a tetrahedron, and two sets of the one part. */
+static void nearest(oc_scene *s0) {
+    double points[2][3] = {{-1, 0.25, 0.25}, {0.2, 0.2, 0.125}};
+    oc_nearest_point *found = (oc_nearest_point *)malloc(2 * sizeof *found);
+    oc_part_set *empty;
+    oc_nearest_desc desc;
+    OK(oc_part_set_create(&empty));
+    OC_INIT(&desc);
+    desc.points = points[0];
+    desc.count = 2;
+    found[0].distance = 77;
+    INVALID(oc_scene_nearest(NULL, &desc, found, 0));
+    INVALID(oc_scene_nearest((oc_scene *)empty, &desc, found, 0));
+    INVALID(oc_scene_nearest(s0, NULL, found, 0));
+    INVALID(oc_scene_nearest(s0, &desc, NULL, 0));
+    INVALID(oc_scene_nearest(s0, &desc, found, sizeof *found - 1));
+    GARBAGE_SIZES(oc_nearest_desc, oc_scene_nearest(s0, s, found, 0));
+    const double bad[] = {-1, -INFINITY, NAN};
+    for (int i = 0; i < 3; i++) {
+        desc.max_distance = bad[i];
+        INVALID(oc_scene_nearest(s0, &desc, found, 0));
+    }
+    desc.max_distance = 0;
+    desc.flags = 4;
+    INVALID(oc_scene_nearest(s0, &desc, found, 0));
+    desc.flags = OC_NEAREST_INSIDE | OC_NEAREST_NOW;
+    INVALID(oc_scene_nearest(s0, &desc, found, 0));
+    desc.flags = OC_NEAREST_INSIDE;
+    desc.stride = 23;
+    INVALID(oc_scene_nearest(s0, &desc, found, 0));
+    desc.stride = 0;
+    desc.count = UINT64_MAX;
+    INVALID(oc_scene_nearest(s0, &desc, found, 0));
+    desc.count = 2;
+    desc.points = NULL;
+    INVALID(oc_scene_nearest(s0, &desc, found, 0));
+    desc.points = points[0];
+    desc.parts = empty;
+    INVALID(oc_scene_nearest(s0, &desc, found, 0));
+    OK(oc_part_set_add_instance(empty, 4711));
+    INVALID(oc_scene_nearest(s0, &desc, found, 0));
+    CHECK(strstr(oc_last_error(), "4711") != NULL);
+    desc.parts = (const oc_part_set *)s0;
+    INVALID(oc_scene_nearest(s0, &desc, found, 0));
+    desc.parts = NULL;
+    points[1][2] = NAN;
+    INVALID(oc_scene_nearest(s0, &desc, found, 0));
+    CHECK(strstr(oc_last_error(), "point 1") != NULL && found[0].distance == 77);
+    points[1][2] = 0.125;
+    OK(oc_scene_nearest(s0, &desc, found, 0));
+    CHECK(found[0].kind == OC_HIT_EXACT && fabs(found[0].distance - 1) <= found[0].error && found[0].holds == 0);
+    CHECK(fabs(found[0].position[0]) <= found[0].error && found[0].part == 7 && found[0].instance == 1);
+    CHECK(fabs(found[1].distance - 0.125) <= found[1].error && found[1].holds == OC_HOLDS_INSIDE);
+    desc.max_distance = 0.5;
+    OK(oc_scene_nearest(s0, &desc, found, 0));
+    CHECK(found[0].kind == OC_HIT_MISS && isinf(found[0].distance) && found[0].part == OC_NO_ID);
+    CHECK(found[1].kind == OC_HIT_EXACT);
+    desc.flags = OC_NEAREST_NOW;
+    OK(oc_scene_nearest(s0, &desc, found, 0));
+    CHECK(found[1].distance - found[1].error <= 0.125 && found[1].distance + found[1].error >= 0.125);
+    desc.points = NULL;
+    desc.count = 0;
+    OK(oc_scene_nearest(s0, &desc, NULL, 0));
+
+    oc_distance_desc pair;
+    oc_distance apart;
+    OC_INIT(&pair);
+    OC_INIT(&apart);
+    apart.distance = 77;
+    INVALID(oc_scene_distance(NULL, &pair, &apart));
+    INVALID(oc_scene_distance(s0, &pair, NULL));
+    GARBAGE_SIZES(oc_distance_desc, oc_scene_distance(s0, s, &apart));
+    GARBAGE_SIZES(oc_distance, oc_scene_distance(s0, &pair, s));
+    pair.reserved = 1;
+    INVALID(oc_scene_distance(s0, &pair, &apart));
+    pair.reserved = 0;
+    for (int i = 0; i < 3; i++) {
+        pair.max_distance = bad[i];
+        INVALID(oc_scene_distance(s0, &pair, &apart));
+    }
+    pair.max_distance = 0;
+    pair.second = empty;
+    INVALID(oc_scene_distance(s0, &pair, &apart));
+    pair.second = (const oc_part_set *)s0;
+    INVALID(oc_scene_distance(s0, &pair, &apart));
+    CHECK(apart.distance == 77);
+    OK(oc_scene_distance(s0, NULL, &apart));
+    CHECK(apart.found == 0 && isinf(apart.distance) && apart.part[0] == OC_NO_ID);
+    oc_part_set_release(empty);
+    free(found);
+}
+
 static void parts_at(oc_scene *s0) {
     double points[3][3] = {{0.2, 0.2, 0.2}, {0.9, 0.9, 0.9}, {NAN, 0, 0}};
     oc_part_at *found = (oc_part_at *)malloc(sizeof *found);
@@ -1757,6 +1849,7 @@ int main(int argc, char **argv) {
     clashes_of_contexts();
     crossings(s0);
     parts_at(s0);
+    nearest(s0);
     thickness(s0);
     prefetches(s0);
     views(c, s0);

@@ -369,6 +369,45 @@ class oc_clash_summary(Sized):
     ]
 
 
+class oc_nearest_desc(Sized):
+    """A batch of points whose nearest points are searched. All zeros: no points, of all parts, without a limit."""
+
+    _fields_ = [
+        ("struct_size", c.c_uint32), ("flags", c.c_uint32), ("points", c.c_void_p), ("count", c.c_uint64),
+        ("stride", c.c_uint64), ("parts", c.c_void_p), ("max_distance", c.c_double),
+    ]
+
+
+class oc_nearest_point(c.Structure):
+    """The nearest point of the surfaces of parts. Element of an array."""
+
+    _fields_ = [
+        ("distance", c.c_double), ("error", c.c_double), ("position", c.c_double * 3), ("instance", c.c_uint64),
+        ("part", c.c_uint64), ("prim", c.c_uint64), ("kind", c.c_uint32), ("holds", c.c_uint32),
+    ]
+
+
+class oc_distance_desc(Sized):
+    """A search for the distance of two sets of parts. All zeros: of all parts, the nearest two."""
+
+    _fields_ = [
+        ("struct_size", c.c_uint32), ("reserved", c.c_uint32), ("first", c.c_void_p), ("second", c.c_void_p),
+        ("max_distance", c.c_double),
+    ]
+
+
+class oc_distance(Sized):
+    """The distance of two sets of parts, and two points that have it. The first of two is of the first set; of one
+    set, that of the instance that was added first, or of the part that is first in the model.
+    """
+
+    _fields_ = [
+        ("struct_size", c.c_uint32), ("found", c.c_uint32), ("distance", c.c_double), ("error", c.c_double),
+        ("first_point", c.c_double * 3), ("second_point", c.c_double * 3), ("instance", c.c_uint64 * 2),
+        ("part", c.c_uint64 * 2), ("prim", c.c_uint64 * 2),
+    ]
+
+
 class oc_fit(Sized):
     """The picture for which oc_scene_fit finds a camera. `width` and `height` must be set."""
 
@@ -439,8 +478,9 @@ STRUCTS: list[type[c.Structure]] = [
     oc_progress, oc_executor, oc_context_desc, oc_camera, oc_ray, oc_plane, oc_resolved, oc_build_desc, oc_material,
     oc_part, oc_triangles, oc_build_report, oc_io, oc_model_info, oc_part_info, oc_light, oc_background, oc_look,
     oc_query, oc_hit, oc_ray_f32, oc_rays_soa, oc_query_f32, oc_hit_f32, oc_triangle, oc_crossing, oc_tree_place,
-    oc_node, oc_node_triangle, oc_part_at, oc_overlap, oc_clash_desc, oc_clash, oc_clash_summary, oc_fit, oc_part_ref,
-    oc_target, oc_frame_desc, oc_frame_settings, oc_frame_accuracy, oc_pixels,
+    oc_node, oc_node_triangle, oc_part_at, oc_overlap, oc_clash_desc, oc_clash, oc_clash_summary, oc_nearest_desc,
+    oc_nearest_point, oc_distance_desc, oc_distance, oc_fit, oc_part_ref, oc_target, oc_frame_desc, oc_frame_settings,
+    oc_frame_accuracy, oc_pixels,
 ]
 """All structs, in the order of the header."""
 
@@ -537,6 +577,8 @@ class Functions:
     oc_scene_clash_start: Callable[..., int]
     oc_job_take_clashes: Callable[..., int]
     oc_job_clash_summary: Callable[..., int]
+    oc_scene_nearest: Callable[..., int]
+    oc_scene_distance: Callable[..., int]
     oc_scene_fit: Callable[..., int]
     oc_frame_create: Callable[..., int]
     oc_frame_request: Callable[..., int]
@@ -657,6 +699,8 @@ SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "oc_scene_clash_start": (c.c_uint32, [c.c_void_p, c.c_void_p, c.c_void_p]),
     "oc_job_take_clashes": (c.c_uint32, [c.c_void_p, c.c_void_p, c.c_uint64, c.c_void_p]),
     "oc_job_clash_summary": (c.c_uint32, [c.c_void_p, c.c_void_p]),
+    "oc_scene_nearest": (c.c_uint32, [c.c_void_p, c.c_void_p, c.c_void_p, c.c_uint64]),
+    "oc_scene_distance": (c.c_uint32, [c.c_void_p, c.c_void_p, c.c_void_p]),
     "oc_scene_fit": (c.c_uint32, [c.c_void_p, c.c_void_p, c.c_void_p, c.c_uint64, c.c_uint64, c.c_void_p]),
     "oc_frame_create": (c.c_uint32, [c.c_void_p, c.c_void_p, c.c_void_p]),
     "oc_frame_request": (c.c_uint32, [c.c_void_p, c.c_void_p, c.c_void_p, c.c_void_p]),
@@ -695,10 +739,10 @@ FALLIBLE = frozenset([
     "oc_cursor_create", "oc_cursor_root", "oc_cursor_places", "oc_cursor_node", "oc_cursor_triangles",
     "oc_cursor_block_nodes", "oc_scene_parts_at", "oc_scene_thickness", "oc_scene_overlap_box",
     "oc_scene_overlap_frustum", "oc_part_set_create", "oc_part_set_add_instance", "oc_part_set_add_part",
-    "oc_scene_clash_start", "oc_job_take_clashes", "oc_job_clash_summary", "oc_scene_fit", "oc_frame_create",
-    "oc_frame_request", "oc_frame_poll", "oc_frame_wait", "oc_frame_cancel", "oc_frame_resize", "oc_frame_set_wake",
-    "oc_frame_get_accuracy", "oc_frame_pick", "oc_frame_pick_near", "oc_frame_map", "oc_scene_prefetch_box",
-    "oc_scene_prefetch_camera",
+    "oc_scene_clash_start", "oc_job_take_clashes", "oc_job_clash_summary", "oc_scene_nearest", "oc_scene_distance",
+    "oc_scene_fit", "oc_frame_create", "oc_frame_request", "oc_frame_poll", "oc_frame_wait", "oc_frame_cancel",
+    "oc_frame_resize", "oc_frame_set_wake", "oc_frame_get_accuracy", "oc_frame_pick", "oc_frame_pick_near",
+    "oc_frame_map", "oc_scene_prefetch_box", "oc_scene_prefetch_camera",
 ])
 """Functions that return a status."""
 

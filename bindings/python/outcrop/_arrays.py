@@ -48,6 +48,8 @@ OVERLAP = dtype_of(_abi.oc_overlap)
 CLASH = dtype_of(_abi.oc_clash)
 """dtype of a clash: id, instance, part, prim, first_point, second_point, normal, low, high, depth, distance, error,
 count, kind, open. See `Clash`."""
+NEAREST_POINT = dtype_of(_abi.oc_nearest_point)
+"""dtype of a nearest point: distance, error, position, instance, part, prim, kind, holds. See `NearestPoint`."""
 TRIANGLE = numpy.dtype({
     "names": ["corners", "part", "prim", "normals"],
     "formats": [(numpy.float64, (3, 3)), numpy.uint64, numpy.uint64, (numpy.float32, (3, 3))],

@@ -479,6 +479,18 @@ class ClashOpenFlags(enum.IntFlag):
     """The second part is not closed."""
 
 
+class NearestFlags(enum.IntFlag):
+    """Flags of NearestDesc."""
+
+    INSIDE = 1
+    """Fill `NearestPoint.holds`: whether a part of the set holds the point. Not together with NearestFlags.NOW."""
+    NOW = 2
+    """Answer at once from the data in memory. The exact distance is within `NearestPoint.error` of each answer. The
+    call neither reads nor requests data (oc_scene_prefetch_box does). Without the flag, the call reads all data
+    that it needs, and the answers do not depend on the data in memory.
+    """
+
+
 class View(enum.IntEnum):
     """Direction of a view, relative to an up axis. Front is the side towards -Y if Z is up, +Z if Y is up, +Y if X
     is up. Left and right are as seen from the front.
@@ -579,5 +591,6 @@ __all__ = [
     "Status", "State", "Phase", "LogLevel", "InstructionSet", "ContextFlags", "Property", "CameraKind", "Structure",
     "Splits", "Resolution", "StandIns", "Scalar", "Index", "UpAxis", "PartFlags", "PlacementFlags", "LightKind",
     "LookFlags", "PartsFlags", "Want", "QueryFlags", "HitKind", "Side", "CursorFlags", "Holds", "OverlapKind",
-    "ClashDetail", "ClashSkipFlags", "ClashKind", "ClashOpenFlags", "View", "Buffer", "FrameFlags", "Format",
+    "ClashDetail", "ClashSkipFlags", "ClashKind", "ClashOpenFlags", "NearestFlags", "View", "Buffer", "FrameFlags",
+    "Format",
 ]

@@ -17,6 +17,7 @@ from ._enums import LookFlags, PartsFlags
 from ._handles import Reference, made
 from ._library import lib
 from ._model import Model
+from ._nearest import Distances
 from ._queries import Queries
 from ._value import Vector, numbers, whole
 from ._values import Background, Camera, Fit, Light
@@ -25,7 +26,7 @@ Placed = Union[Model, "tuple[int, Model]", "tuple[int, Model, ArrayLike | None]"
 """An instance: a model, or (id, model), or (id, model, transform)."""
 
 
-class Scene(Queries, Clashes):
+class Scene(Queries, Clashes, Distances):
     """Instances of models, lights and looks. Edits take effect together, at `commit()` or at the end of `edit()`.
 
     Frames and batches in flight keep the state that they began with.

@@ -683,6 +683,69 @@ class ClashSummary(Value):
 
 
 @dataclass
+class NearestPoint(Value):
+    """The nearest point of the surfaces of parts. Element of an array."""
+
+    _struct = _abi.oc_nearest_point
+
+    distance: float = 0.0
+    """Distance from the point that was asked for to the nearest triangle, in world units, also from inside of a
+    part. Miss: infinity.
+    """
+    error: float = 0.0
+    """The exact distance differs from `distance` by no more than this, in world units: rounding and stored
+    positions, and with HitKind.MISSING what is not in memory. Infinity: the exact distance is `distance` or more,
+    and may be beyond the limit. Miss: 0.
+    """
+    position: Vector = (0.0, 0.0, 0.0)
+    """The nearest point, world space. HitKind.MISSING without a part: the middle of a box that holds surface, or
+    infinity. Miss: infinity.
+    """
+    instance: int = 0
+    """Id of the instance, as passed to oc_scene_add_instance. OC_NO_ID: unknown, or a miss."""
+    part: int = 0
+    """Id of the part, as passed when the model was built. OC_NO_ID: unknown, or a miss."""
+    prim: int = 0
+    """Index of the triangle in the input of the build, from 0. OC_NO_ID: unknown, or a miss."""
+    kind: HitKind = HitKind(0)
+    """HitKind.EXACT. HitKind.MISS: no triangle is within the limit. HitKind.MISSING, only with NearestFlags.NOW:
+    data is not in memory, so that the distance or the id of the triangle is not exact.
+    """
+    holds: Holds = Holds(1)
+    """With NearestFlags.INSIDE one of the Holds constants if a part of the set holds the point that was asked for.
+    Otherwise 0.
+    """
+
+
+@dataclass
+class Distance(Value):
+    """The distance of two sets of parts, and two points that have it. The first of two is of the first set; of one
+    set, that of the instance that was added first, or of the part that is first in the model.
+    """
+
+    _struct = _abi.oc_distance
+
+    found: int = 0
+    """1: found. 0: the distance is greater than the limit, or there are no two parts. Other members are then not
+    set, and `distance` is infinity.
+    """
+    distance: float = 0.0
+    """Distance in world units. 0: triangles have a common point."""
+    error: float = 0.0
+    """Bound of the error of `distance`, in world units: of rounding and of stored positions. 0 if `distance` is 0."""
+    first_point: Vector = (0.0, 0.0, 0.0)
+    """The point of the first set, world space."""
+    second_point: Vector = (0.0, 0.0, 0.0)
+    """The point of the second set, world space."""
+    instance: Vector = (0, 0)
+    """Ids of the instances."""
+    part: Vector = (0, 0)
+    """Ids of the parts."""
+    prim: Vector = (0, 0)
+    """Indices of the triangles in the inputs of the builds, from 0."""
+
+
+@dataclass
 class Fit(Value):
     """The picture for which oc_scene_fit finds a camera. `width` and `height` must be set."""
 
@@ -801,5 +864,5 @@ class Accuracy(Value):
 __all__ = [
     "Progress", "Camera", "Ray", "Plane", "BuildOptions", "Material", "Part", "ModelInfo", "PartInfo", "Light",
     "Background", "Look", "RayF32", "HitF32", "Triangle", "Crossing", "TreePlace", "Node", "NodeTriangle", "PartAt",
-    "Overlap", "Clash", "ClashSummary", "Fit", "PartRef", "FrameSettings", "Accuracy",
+    "Overlap", "Clash", "ClashSummary", "NearestPoint", "Distance", "Fit", "PartRef", "FrameSettings", "Accuracy",
 ]

@@ -15,6 +15,7 @@ mod crossings;
 mod export;
 mod generate;
 mod info;
+mod nearest;
 mod output;
 mod rays;
 mod render;
@@ -40,6 +41,7 @@ enum Verb {
     Check(check::Args),
     Crossings(crossings::Args),
     Clash(clash::Args),
+    Nearest(nearest::Args),
     Render(render::Args),
     Bench(bench::Args),
     Export(export::Args),
@@ -53,6 +55,7 @@ fn run(verb: Verb) -> Outcome {
         Verb::Check(args) => check::run(&args),
         Verb::Crossings(args) => crossings::run(&args),
         Verb::Clash(args) => clash::run(&args),
+        Verb::Nearest(args) => nearest::run(&args),
         Verb::Render(args) => render::run(&args),
         Verb::Bench(args) => bench::run(&args),
         Verb::Export(args) => export::run(&args),

@@ -6,7 +6,7 @@ use glam::{DAffine3, DVec3};
 
 /// The frames of two placed trees: axes of the world, and an origin near both, so that corners keep their digits far
 /// from zero.
-pub(super) struct Frames {
+pub(in crate::query) struct Frames {
     /// The origin in the world.
     pub origin: DVec3,
     /// The maps from the frames of both trees. Boxes of the first grow.

@@ -6,12 +6,12 @@ use crate::scene::model::PartInfo;
 use std::collections::HashSet;
 
 /// A set of parts of a scene. Instances and parts are named by the caller's ids.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub struct PartSet {
     entries: Vec<Entry>,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Entry {
     All,
     Instance(u64),
@@ -57,7 +57,7 @@ pub struct ClashRules {
 }
 
 /// The members of a [`PartSet`] among the instances and parts of a scene, by their indices.
-pub(super) struct Members(Vec<Of>);
+pub(in crate::query) struct Members(Vec<Of>);
 
 /// The members among the parts of an instance.
 enum Of {
@@ -116,6 +116,11 @@ impl Members {
             Of::All => true,
             Of::Some(bits) => bits.get(part as usize / 64).is_some_and(|word| word >> (part % 64) & 1 == 1),
         }
+    }
+
+    /// True if all parts of an instance are members.
+    pub fn has_all(&self, instance: u32) -> bool {
+        matches!(self.0[instance as usize], Of::All)
     }
 
     /// True if one of `count` parts of an instance, from `first` on, is a member.

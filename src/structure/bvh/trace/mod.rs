@@ -10,6 +10,7 @@ mod bundle;
 mod bundle_leaf;
 mod oriented_slabs;
 mod cells;
+mod eights;
 mod slab_heuristic;
 mod kernel;
 mod packet_cells;
