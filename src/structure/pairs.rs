@@ -13,6 +13,7 @@ use crate::math::{Bounds, DBounds};
 use crate::simd::{Lanes, Mask, Op, Simd, dispatch};
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 use std::cell::OnceCell;
+use std::ops::AddAssign;
 
 /// Number of boxes that are tested at a time.
 const LANES: usize = 8;
@@ -245,6 +246,13 @@ pub struct PairCounters {
     pub places: u64,
     /// Pairs of triangles whose boxes are near each other.
     pub triangles: u64,
+}
+
+impl AddAssign for PairCounters {
+    fn add_assign(&mut self, other: Self) {
+        self.places += other.places;
+        self.triangles += other.triangles;
+    }
 }
 
 /// Working memory of walks through one pair of trees, of one thread. It must be [cleared](PairWalk::clear) when the

@@ -9,7 +9,7 @@ use crate::geom::pairs::{Relation, meeting, relate};
 use crate::math::{DBounds, bits};
 use crate::scene::placed::Placed;
 use crate::structure::Place;
-use crate::structure::pairs::{Near, PairLeaf, PairSide, PairVisit};
+use crate::structure::pairs::{Near, PairCounters, PairLeaf, PairSide, PairVisit};
 use glam::DVec3;
 use std::collections::BTreeMap;
 
@@ -86,6 +86,8 @@ pub(super) struct Found {
     pub met: Vec<Met>,
     /// True if pairs of triangles were left out of `met`, because there are more than the limit.
     pub is_cut: bool,
+    /// Steps of the walks.
+    pub steps: PairCounters,
 }
 
 impl Found {
@@ -95,6 +97,7 @@ impl Found {
         }
         self.met.extend(other.met);
         self.is_cut |= other.is_cut;
+        self.steps += other.steps;
         self.keep(limit, false);
     }
 

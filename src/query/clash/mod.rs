@@ -17,6 +17,7 @@ use crate::geom::pairs::Relation;
 use crate::math::DBounds;
 use crate::query::hit::NONE;
 use crate::scene::SceneState;
+pub use crate::structure::pairs::PairCounters;
 use facts::{Facts, Found, PairKey};
 use glam::DVec3;
 pub use sets::{ClashRules, PartSet};
@@ -145,6 +146,8 @@ pub struct ClashSummary {
     pub pairs: u64,
     /// True if pairs of triangles were left out, because there are more than the limit.
     pub is_cut: bool,
+    /// Steps of the search. They depend on neither threads nor the blocks in memory.
+    pub steps: PairCounters,
 }
 
 impl SceneState {
@@ -183,7 +186,7 @@ fn hand_out(
     contained: &std::collections::BTreeMap<PairKey, DVec3>,
     take: &mut dyn FnMut(&Clash),
 ) -> ClashSummary {
-    let mut summary = ClashSummary { is_cut: found.is_cut, ..ClashSummary::default() };
+    let mut summary = ClashSummary { is_cut: found.is_cut, steps: found.steps, ..ClashSummary::default() };
     let mut met: Vec<_> = found.met.iter().zip(ids).collect();
     met.sort_unstable_by_key(|(met, ids)| (met.parts, **ids));
     met.dedup_by_key(|(met, ids)| (met.parts, **ids));

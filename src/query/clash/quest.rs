@@ -9,7 +9,7 @@ use crate::base::error::Result;
 use crate::base::ids::BlockId;
 use crate::scene::SceneState;
 use crate::scene::walk::{Need, SceneView, Snapshots};
-use crate::structure::pairs::{PairDescent, PairSide, PairWalk};
+use crate::structure::pairs::{PairCounters, PairDescent, PairSide, PairWalk};
 use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::{Mutex, PoisonError};
@@ -23,7 +23,7 @@ const WALKS_SHARE: f64 = 0.9;
 pub(super) fn search(task: &Task, pairs: &[[u32; 2]]) -> Result<Found> {
     let scene = task.scene;
     let stamp = scene.context().residency().stamp();
-    let mut items = Vec::new();
+    let (mut items, mut steps) = (Vec::new(), PairCounters::default());
     {
         let snapshots = Snapshots::take(scene);
         let view = SceneView::new(scene, &snapshots, stamp);
@@ -38,6 +38,7 @@ pub(super) fn search(task: &Task, pairs: &[[u32; 2]]) -> Result<Found> {
                 walk.clear();
                 descent.widen([&sides[0], &sides[1]], each, &mut walk);
             }
+            steps += std::mem::take(&mut walk.counters);
             items.extend(descent.split(each).into_iter().map(|descent| Piece::new(pair, descent)));
         }
     }
@@ -45,7 +46,9 @@ pub(super) fn search(task: &Task, pairs: &[[u32; 2]]) -> Result<Found> {
     let items = items.into_iter().map(|piece| Mutex::new(Some(piece))).collect();
     let rounds = Rounds::new(Walks { task, items, stamp, found: Mutex::default(), done: AtomicU64::new(0) });
     scene.context().pool().run_scoped(count, &rounds).into_result()?;
-    Ok(rounds.quest.found.into_inner().unwrap_or_else(PoisonError::into_inner))
+    let mut found = rounds.quest.found.into_inner().unwrap_or_else(PoisonError::into_inner);
+    found.steps += steps;
+    Ok(found)
 }
 
 fn frames(task: &Task, pair: [u32; 2]) -> Frames {
@@ -98,8 +101,10 @@ impl Walks<'_> {
         let context = task.scene.context();
         let mut walk = context.take_scratch::<PairWalk>();
         walk.clear();
+        walk.counters = PairCounters::default();
         let mut meeting = Meeting::new(task, piece.pair, &sides, &frames, &mut piece.found);
         piece.descent.go_on([&sides[0], &sides[1]], &mut walk, &mut meeting);
+        piece.found.steps += walk.counters;
         context.give_scratch(walk);
         if piece.descent.is_done() {
             let found = std::mem::take(&mut piece.found);
