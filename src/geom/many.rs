@@ -131,14 +131,16 @@ pub struct Sifted {
     pub crossing: u32,
 }
 
-/// Decides what rounded arithmetic can.
+/// Decides what rounded arithmetic can of the lanes in `among`.
 #[inline(always)]
-pub fn sift<S: Simd>(s: S, one: &One, lot: &Lot) -> Sifted {
-    let all = (1 << lot.count) - 1;
+pub fn sift<S: Simd>(s: S, one: &One, lot: &Lot, among: u32) -> Sifted {
+    let all = among & ((1 << lot.count) - 1);
     let mut apart = beside(s, one, lot);
     if apart & all == all {
         return Sifted { apart: all, crossing: 0 };
     }
+    // The others need no work.
+    apart |= !all;
     // Axes by lanes.
     let middle = s.load_d4(&lot.middle);
     let [a, b, c] = [s.load_d4(&one.corners[0]), s.load_d4(&one.corners[1]), s.load_d4(&one.corners[2])];
@@ -308,7 +310,7 @@ impl Op for Sift<'_> {
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
         for (lot, out) in self.lots.iter().zip(self.out) {
-            *out = sift(s, self.one, lot);
+            *out = sift(s, self.one, lot, u32::MAX);
         }
     }
 }
@@ -386,7 +388,7 @@ mod tests {
             }
             // The filter is never wrong, and decides general cases.
             for (i, lot) in lots.iter().enumerate() {
-                let sifted = sift(Portable::new(), &One::new(&one), lot);
+                let sifted = sift(Portable::new(), &One::new(&one), lot, u32::MAX);
                 for lane in 0..lot.count {
                     let relation = relate(&one, &others[i * LANES + lane]);
                     assert!(sifted.apart >> lane & 1 == 0 || relation == Relation::Apart);

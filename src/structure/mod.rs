@@ -4,7 +4,8 @@
 //! that reject hits), `place` and `cursor` (descent through a tree of any structure), `walk`, `packet` and `stream`
 //! (the state of rays), `tree` (one enum over all structures: rays in, hits out), `open` (from a file to its trees, and
 //! the decoder for residency), `nodes` (nodes by their places, for programs that walk trees by themselves), `bake`
-//! (triangles in, blocks out), `pairs` (walks through pairs of trees), `streams` (per-triangle numbers in blocks of
+//! (triangles in, blocks out), `pairs` (walks through pairs of trees), `rows` (children and triangles of a
+//! place, eight at a time), `streams` (per-triangle numbers in blocks of
 //! their own), `fallback` (packets and streams for a structure that traces single rays only).
 //!
 //! Each structure is a folder with three main modules: `build` (triangles in, blocks out), `layout` (the bytes of a
@@ -25,6 +26,7 @@ pub mod filter;
 pub mod hit;
 pub mod nodes;
 pub mod open;
+mod opened;
 pub mod packet;
 mod packet_boxes;
 mod packet_prepare;
@@ -36,6 +38,7 @@ mod prepared;
 pub mod ray;
 mod rays16;
 pub mod resident;
+pub mod rows;
 pub mod stream;
 pub mod streams;
 pub mod surface;

@@ -19,6 +19,7 @@ use super::packet::PacketWalk;
 use super::place::{Place, Rooted};
 use super::resident::Resident;
 use super::resident::trace::Both;
+use super::rows::Rows;
 use super::stream::{Rays16, Stream};
 use super::surface::Surfaces;
 use super::walk::Walk;
@@ -344,6 +345,18 @@ impl<'a> Tree<'a> {
     /// Counts as a use of the block.
     pub fn expand(&self, place: Place, below: &mut Below) -> Result<(), BlockId> {
         of_each!(&self.blocks, own => own.expand(place, below))
+    }
+
+    /// Fills `rows` with the children or triangles below a place; with `parts` also what is known of the parts below
+    /// each child. Returns false if the structure has no rows: [`Tree::expand`] lists them. Fails with the block of the
+    /// place if that is not in memory. Counts as a use of the block.
+    #[inline]
+    pub fn rows(&self, place: Place, parts: bool, rows: &mut Rows) -> Result<bool, BlockId> {
+        match &self.blocks {
+            Blocks::Bvh(own) => own.rows(place, parts, rows).map(|()| true),
+            #[cfg(any(test, feature = "brute"))]
+            Blocks::Brute(_) => Ok(false),
+        }
     }
 
     /// Bounds of everything that rays can hit, stand-ins included, in the tree's frame; `None` if the root is not in

@@ -31,15 +31,19 @@ pub(super) fn search(task: &Task, pairs: &[[u32; 2]]) -> Result<Found> {
         let mut walk = PairWalk::default();
         for &pair in pairs {
             let [a, b] = pair.map(|placed| view.tree(placed));
+            let members = pair.map(|at| task.bits_of(&scene.placement.placed[at as usize]));
             let mut descent = PairDescent::new(&a, &b, pair[0] == pair[1]);
             if each > 1 {
                 let frames = frames(task, pair);
                 let sides = [PairSide { tree: a, frame: &frames.of[0] }, PairSide { tree: b, frame: &frames.of[1] }];
                 walk.clear();
-                descent.widen([&sides[0], &sides[1]], each, &mut walk);
+                // Pairs of leaves stay: nothing is found.
+                let mut found = Found::default();
+                let mut meeting = Meeting::new(task, pair, &sides, &frames, &mut found, members);
+                descent.widen([&sides[0], &sides[1]], each, &mut walk, &mut meeting);
             }
             steps += std::mem::take(&mut walk.counters);
-            items.extend(descent.split(each).into_iter().map(|descent| Piece::new(pair, descent)));
+            items.extend(descent.split(each).into_iter().map(|descent| Piece::new(pair, members, descent)));
         }
     }
     let count = items.len();
@@ -68,14 +72,16 @@ struct Walks<'a> {
 /// The rest of a walk through a pair of placed trees.
 pub(super) struct Piece {
     pair: [u32; 2],
+    /// See [`Task::bits_of`].
+    members: [[u32; 2]; 2],
     models: [u32; 2],
     descent: PairDescent,
     found: Found,
 }
 
 impl Piece {
-    fn new(pair: [u32; 2], descent: PairDescent) -> Self {
-        Self { pair, models: [0; 2], descent, found: Found::default() }
+    fn new(pair: [u32; 2], members: [[u32; 2]; 2], descent: PairDescent) -> Self {
+        Self { pair, members, models: [0; 2], descent, found: Found::default() }
     }
 
     /// The blocks that each remaining pair of places needs.
@@ -102,7 +108,7 @@ impl Walks<'_> {
         let mut walk = context.take_scratch::<PairWalk>();
         walk.clear();
         walk.counters = PairCounters::default();
-        let mut meeting = Meeting::new(task, piece.pair, &sides, &frames, &mut piece.found);
+        let mut meeting = Meeting::new(task, piece.pair, &sides, &frames, &mut piece.found, piece.members);
         piece.descent.go_on([&sides[0], &sides[1]], &mut walk, &mut meeting);
         piece.found.steps += walk.counters;
         context.give_scratch(walk);

@@ -120,7 +120,9 @@ pub fn measure(task: &mut Task) -> Result<Vec<Record>, Failure> {
     let search = &search;
     let run = |ours: &Ours, detail: ClashDetail| {
         let state = Arc::clone(&ours.state);
-        move || steady(|| timed(&mut || drop(search.run(&state, detail).expect("it did before"))))
+        move || steady(|| timed(&mut || {
+            search.run(&state, detail).expect("it did before");
+        }))
     };
     let corners = search.bodies.corners();
     let summary = search.run(&ours.state, ClashDetail::Parts)?;
