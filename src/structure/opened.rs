@@ -6,7 +6,7 @@ use super::rows::{COLUMNS, PartsBelow, Rows};
 use super::tree::Tree;
 use super::{Below, TriHit};
 use crate::base::ids::BlockId;
-use crate::geom::{Lot, One};
+use crate::geom::{Eight, Lot, One};
 use crate::math::{Bounds, DBounds};
 use crate::simd::{Lanes, Mask, Op, Simd, dispatch};
 use glam::{DAffine3, DMat3, DVec3, Vec3};
@@ -232,6 +232,10 @@ pub struct PairLeaf {
     /// The triangles, eight at a time, and one by one, for the filter; empty until they are needed.
     pub(super) lots: Vec<Lot>,
     pub(super) ones: Vec<One>,
+    /// Corners, and low and high ends of boxes, by lanes, if the leaf came in rows.
+    at: Eight,
+    ends: [[Row; 3]; 2],
+    is_in_rows: bool,
 }
 
 impl PairLeaf {
@@ -242,6 +246,7 @@ impl PairLeaf {
         self.triangles.clear();
         self.lots.clear();
         self.ones.clear();
+        self.is_in_rows = false;
     }
 
     /// True if all triangles are of one part.
@@ -261,7 +266,12 @@ impl PairLeaf {
     /// Prepares the triangles for the filter, as lots.
     #[inline(always)]
     pub(super) fn prepare_lots(&mut self) {
-        if self.lots.is_empty() {
+        if !self.lots.is_empty() {
+            return;
+        }
+        if self.is_in_rows {
+            self.lots.push(Lot::of_lanes(&self.triangles, &self.at, &self.ends));
+        } else {
             self.lots.extend(self.triangles.chunks(LANES).map(Lot::new));
         }
     }
@@ -355,7 +365,7 @@ impl Op for PlaceRows<'_> {
         }
         leaf.clear();
         let vertices = frame.corners(&rows.vertices);
-        let mut at = [[[0.0; LANES]; 3]; 3];
+        let at = &mut leaf.at;
         for corner in 0..3 {
             for axis in 0..3 {
                 for i in 0..LANES {
@@ -363,7 +373,7 @@ impl Op for PlaceRows<'_> {
                 }
             }
         }
-        let [mut low, mut high] = [[[0.0; LANES]; 3]; 2];
+        let [low, high] = &mut leaf.ends;
         for axis in 0..3 {
             for i in 0..LANES {
                 let [a, b, c] = [at[0][axis][i], at[1][axis][i], at[2][axis][i]];
@@ -372,8 +382,10 @@ impl Op for PlaceRows<'_> {
                 high[axis][i] = if greatest > c { greatest } else { c };
             }
         }
-        leaf.boxes.set(&[low, high], count, frame.grown);
+        leaf.boxes.set(&leaf.ends, count, frame.grown);
         leaf.all = leaf.boxes.all();
+        leaf.is_in_rows = true;
+        let at = &leaf.at;
         let corner = |c: usize, i: usize| DVec3::new(at[c][0][i], at[c][1][i], at[c][2][i]);
         leaf.triangles.extend((0..count).map(|i| [corner(0, i), corner(1, i), corner(2, i)]));
         leaf.parts.extend_from_slice(&rows.parts[..count]);

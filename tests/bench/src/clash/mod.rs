@@ -344,3 +344,68 @@ pub fn table(records: &[Record]) -> String {
     }
     text
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::data::PEERS;
+    use crate::scenes::Mesh;
+
+    /// A grid of tetrahedra, each a part, that its copy passes through.
+    fn mesh() -> Mesh {
+        let corners = [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z].map(|p| p * 1.25);
+        let faces = [[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]];
+        let at = |i: u32| DVec3::new(f64::from(i % 4), f64::from(i / 4 % 4), f64::from(i / 16));
+        Mesh::of((0..64).flat_map(|i| faces.map(|face| (i, face.map(|k| corners[k] + at(i))))))
+    }
+
+    fn brute(bodies: &Bodies) -> Vec<Pair> {
+        let mut all = Vec::new();
+        for (i, a) in bodies.each.iter().enumerate() {
+            for b in &bodies.each[i + 1..] {
+                for (x, p) in a.ids.iter().zip(&a.corners) {
+                    let met = b.ids.iter().zip(&b.corners).filter(|(_, q)| relate(p, q) != Relation::Apart);
+                    all.extend(met.map(|(y, _)| [*x.min(y), *x.max(y)]));
+                }
+            }
+        }
+        all.sort_unstable();
+        all
+    }
+
+    #[test]
+    fn peers_find_what_brute_force_finds() {
+        let turn = DAffine3::from_rotation_z(0.3) * DAffine3::from_translation(DVec3::new(0.1, 0.2, 0.3));
+        let each = [Bodies::of_parts(&mesh()), Bodies::of_places(&mesh(), &[DAffine3::IDENTITY, turn])];
+        let mut asked = 0;
+        for bodies in &each {
+            let exact = brute(bodies);
+            assert!(exact.len() > 100);
+            for rival in PEERS.iter().flat_map(|peer| rivals(peer, bodies)) {
+                let mut met = Vec::new();
+                assert!(rival.all(&mut met) >= met.len() as u64);
+                met.sort_unstable();
+                met.dedup();
+                let [more, missed] = wrong(&bodies.corners(), &exact, &met).expect("exact pairs");
+                // Tests with rounding err on touching triangles only.
+                let bound = if rival.name().contains("doubles") { 0 } else { exact.len() / 4 };
+                assert!(missed <= bound && more <= bound, "{}: {more} {missed}", rival.name());
+                assert_ne!(rival.any(), Some(false));
+                asked += 1;
+            }
+        }
+        assert!(asked >= 4, "parry3d is always here");
+    }
+
+    #[test]
+    fn wrong_pairs_are_told_from_wrong_answers() {
+        let bodies = Bodies::of_parts(&mesh());
+        let (corners, exact) = (bodies.corners(), brute(&bodies));
+        let apart = [0, corners.len() as u32 - 1];
+        let found: Vec<Pair> = exact[1..].iter().copied().chain([apart]).collect();
+        assert_eq!(wrong(&corners, &exact, &found).expect("exact pairs"), [1, 1]);
+        assert!(wrong(&corners, &exact[1..], &exact).expect_err("a pair is missing").to_string().contains("not found"));
+        let more: Vec<Pair> = std::iter::once(apart).chain(exact.iter().copied()).collect();
+        assert!(wrong(&corners, &more, &exact).expect_err("a pair too many").to_string().contains("apart"));
+    }
+}
