@@ -295,11 +295,8 @@ fn sets_and_rules_only_leave_out() {
     let has = |parts: &[u64], side: &(u64, u64, u64)| side.0 == 100 && parts.contains(&side.1);
     // Parts 3 and 35 have one bit, as have 1 and 65.
     for (a, b) in [(vec![3], vec![35, 65]), (vec![1, 2, 3, 33], vec![65, 66]), (vec![5], (0..70).collect())] {
-        let expected: Vec<_> = all
-            .iter()
-            .filter(|c| has(&a, &c.0) && has(&b, &c.1) || has(&a, &c.1) && has(&b, &c.0))
-            .copied()
-            .collect();
+        let expected: Vec<_> =
+            all.iter().filter(|c| has(&a, &c.0) && has(&b, &c.1) || has(&a, &c.1) && has(&b, &c.0)).copied().collect();
         let (found, steps) = ask(ClashOptions { a: set(&a), b: Some(set(&b)), ..ClashOptions::default() });
         assert!(!expected.is_empty());
         assert_eq!(found, expected, "{a:?} {b:?}");
@@ -307,8 +304,7 @@ fn sets_and_rules_only_leave_out() {
     }
     let rules = ClashRules { pairs: vec![[3, 35], [4, 5]], same_instance: true, ..ClashRules::default() };
     let is_skipped = |c: &(u64, u64)| [(3, 35), (35, 3), (4, 5), (5, 4)].contains(c);
-    let expected: Vec<_> =
-        all.iter().filter(|c| c.0.0 != c.1.0 && !is_skipped(&(c.0.1, c.1.1))).copied().collect();
+    let expected: Vec<_> = all.iter().filter(|c| c.0.0 != c.1.0 && !is_skipped(&(c.0.1, c.1.1))).copied().collect();
     assert_eq!(ask(ClashOptions { rules, ..ClashOptions::default() }).0, expected);
 }
 

@@ -179,7 +179,8 @@ impl Boxes {
     /// The box around all.
     #[inline(always)]
     fn all(&self) -> [f32; 6] {
-        let mut all = [f32::INFINITY, f32::INFINITY, f32::INFINITY, f32::NEG_INFINITY, f32::NEG_INFINITY, f32::NEG_INFINITY];
+        let mut all =
+            [f32::INFINITY, f32::INFINITY, f32::INFINITY, f32::NEG_INFINITY, f32::NEG_INFINITY, f32::NEG_INFINITY];
         for row in &self.rows {
             for axis in 0..3 {
                 for i in 0..LANES {

@@ -41,7 +41,9 @@ impl TreeView<'_> {
                 for (row, (out, planes)) in rows.bounds.iter_mut().zip(&planes).enumerate() {
                     let (step, origin) = (node.step(row % 3), node.origin[row % 3]);
                     // As walks use them: see `Node::stored_box`.
-                    *out = planes.map(|plane| f32::from(plane) * step + origin);
+                    for (out, plane) in out.iter_mut().zip(planes) {
+                        *out = f32::from(*plane) * step + origin;
+                    }
                 }
             }
             Some(Child::Leaf(at)) => {

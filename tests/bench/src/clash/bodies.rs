@@ -1,5 +1,6 @@
 //! The bodies of a scene as peers take them: pairs of triangles of two bodies are sought.
 
+use crate::common::scenes;
 use crate::scenes::Mesh;
 use glam::{DAffine3, DVec3, Vec3};
 use outcrop::math::Bounds;
@@ -31,7 +32,11 @@ impl Bodies {
     pub fn of_parts(mesh: &Mesh) -> Self {
         let mut each: BTreeMap<u32, Body> = BTreeMap::new();
         for (id, part) in (0..).zip(&mesh.parts) {
-            each.entry(*part).or_default().push(id, corners(mesh, id as usize));
+            let corners = corners(mesh, id as usize);
+            // Builds leave out what has no area: a segment or a point is no surface.
+            if scenes::has_area(&corners) {
+                each.entry(*part).or_default().push(id, corners);
+            }
         }
         Self { each: each.into_values().collect(), triangles: mesh.triangles.len() }
     }
@@ -42,7 +47,10 @@ impl Bodies {
         let body = |(place, first): (&DAffine3, usize)| {
             let mut body = Body::default();
             for i in 0..count {
-                body.push((first + i) as u32, corners(mesh, i).map(|p| place.transform_point3(p)));
+                let corners = corners(mesh, i);
+                if scenes::has_area(&corners) {
+                    body.push((first + i) as u32, corners.map(|p| place.transform_point3(p)));
+                }
             }
             body
         };

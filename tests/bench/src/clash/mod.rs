@@ -22,8 +22,8 @@ use outcrop::scene::{Context, ContextOptions, Model, SceneState};
 use rivals::{Rival, rivals};
 use std::fmt::Write;
 use std::ops::Range;
-use std::sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed};
 use std::time::Duration;
 
 /// A search: what is compared, on which model.
@@ -120,9 +120,13 @@ pub fn measure(task: &mut Task) -> Result<Vec<Record>, Failure> {
     let search = &search;
     let run = |ours: &Ours, detail: ClashDetail| {
         let state = Arc::clone(&ours.state);
-        move || steady(|| timed(&mut || {
-            search.run(&state, detail).expect("it did before");
-        }))
+        move || {
+            steady(|| {
+                timed(&mut || {
+                    search.run(&state, detail).expect("it did before");
+                })
+            })
+        }
     };
     let corners = search.bodies.corners();
     let summary = search.run(&ours.state, ClashDetail::Parts)?;
@@ -326,7 +330,8 @@ pub fn table(records: &[Record]) -> String {
         if last != Some((&record.benchmark, &record.scene)) {
             last = Some((&record.benchmark, &record.scene));
             let _ = write!(text, "\n{}, {} ({} triangles)\n\n", record.benchmark, record.title, record.triangles);
-            let head = "| side | ms | ratio | pairs | false | missed | first contact, ms |\n|---|---|---|---|---|---|---|";
+            let head =
+                "| side | ms | ratio | pairs | false | missed | first contact, ms |\n|---|---|---|---|---|---|---|";
             let _ = writeln!(text, "{head}");
         }
         let none = || "-".to_owned();
@@ -335,12 +340,7 @@ pub fn table(records: &[Record]) -> String {
         let wrong = found.wrong.map_or_else(|| "0 | 0".to_owned(), |[more, missed]| format!("{more} | {missed}"));
         let first = found.first.as_ref().map_or_else(none, |first| format!("{:.3}", first.median * 1e3));
         let side = record.key.rsplit('/').next().unwrap_or_default();
-        let _ = writeln!(
-            text,
-            "| {side} | {} | {ratio} | {} | {wrong} | {first} |",
-            ms(&found.seconds),
-            found.pairs
-        );
+        let _ = writeln!(text, "| {side} | {} | {ratio} | {} | {wrong} | {first} |", ms(&found.seconds), found.pairs);
     }
     text
 }

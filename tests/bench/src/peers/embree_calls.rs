@@ -463,8 +463,7 @@ type Take<'a> = Mutex<&'a mut (dyn FnMut(u32, u32) + Send)>;
 
 unsafe extern "C" fn collided(user: *mut c_void, collisions: *const Collision, count: c_uint) {
     // SAFETY: what `Boxes::collide` gave, which is there until `rtcCollide` returns, and as many pairs as stated.
-    let (take, pairs) =
-        unsafe { (&*user.cast::<Take>(), std::slice::from_raw_parts(collisions, count as usize)) };
+    let (take, pairs) = unsafe { (&*user.cast::<Take>(), std::slice::from_raw_parts(collisions, count as usize)) };
     let mut take = take.lock().unwrap_or_else(PoisonError::into_inner);
     pairs.iter().for_each(|pair| take(pair.prim0, pair.prim1));
 }
