@@ -1,5 +1,5 @@
-/* Builds a model from memory and lists the parts that clash: a pipe through a wall, a bolt that touches its hole, a box
- * near another, and a box in a box. Fails if these are not found, or others are.
+/* Builds a model from memory and lists the parts that clash, and how deep: a pipe through a wall, a bolt that touches its
+ * hole, a box near another, and a box in a box. Fails if these are not found, or others are.
  *
  *     09_clashes MODEL.oc
  */
@@ -20,16 +20,16 @@ enum { WALL, PIPE, PLATE, BOLT, BENCH, NEAR, CRATE, CONTENT, LONELY, PARTS };
 static const char *const names[PARTS] = {"wall", "pipe", "plate", "bolt", "bench", "box near it", "crate",
                                          "box inside of it", "lonely box"};
 
-static const double clearance = 0.5;
+static const double clearance = 0.5, tolerance = 0.001;
 static const struct {
     oc_clash_kind kind;
     uint64_t first, second;
-    double distance;
+    double depth, distance;
 } expected[] = {
-    {OC_CLASH_CROSSING, WALL, PIPE, 0},
-    {OC_CLASH_TOUCHING, PLATE, BOLT, 0},
-    {OC_CLASH_CLEARANCE, BENCH, NEAR, 0.25},
-    {OC_CLASH_CONTAINED, CRATE, CONTENT, 0},
+    {OC_CLASH_PIERCING, WALL, PIPE, 0.5, 0}, /* half of the wall */
+    {OC_CLASH_TOUCHING, PLATE, BOLT, 0, 0},
+    {OC_CLASH_CLEARANCE, BENCH, NEAR, 0, 0.25},
+    {OC_CLASH_CONTAINED, CRATE, CONTENT, 2, 0},
 };
 enum { EXPECTED = sizeof expected / sizeof *expected };
 
@@ -126,7 +126,8 @@ static void build_model(oc_context *context, const char *path) {
 
 static const char *verb(oc_clash_kind kind) {
     switch (kind) {
-    case OC_CLASH_CROSSING: return "crosses";
+    case OC_CLASH_HARD: return "reaches into";
+    case OC_CLASH_PIERCING: return "goes through, or is pierced by,";
     case OC_CLASH_TOUCHING: return "touches";
     case OC_CLASH_CONTAINED: return "holds, or is inside of,";
     case OC_CLASH_CLEARANCE: return "is near";
@@ -137,9 +138,9 @@ static const char *verb(oc_clash_kind kind) {
 /* Returns the index of a clash in `expected`, or EXPECTED. */
 static int index_of(const oc_clash *one) {
     for (int i = 0; i < EXPECTED; i++) {
-        const double off = one->distance - expected[i].distance;
+        const double off = one->distance - expected[i].distance + one->depth - expected[i].depth;
         if (one->part[0] == expected[i].first && one->part[1] == expected[i].second && one->kind == expected[i].kind &&
-            off <= one->error + 1e-12 && -off <= one->error + 1e-12 && !one->open) {
+            off <= one->error + 1e-12 && -off <= one->error + 1e-12 && one->error <= 2 * tolerance && !one->open) {
             return i;
         }
     }
@@ -155,8 +156,8 @@ static void take(const oc_job *job, int counts[EXPECTED + 1]) {
         for (uint64_t i = 0; i < count; i++) {
             const oc_clash *one = &some[i];
             const double *at = one->first_point;
-            printf("the %s %s the %s at (%g, %g, %g), distance %g\n", names[one->part[0]], verb(one->kind),
-                   names[one->part[1]], at[0], at[1], at[2], one->distance);
+            printf("the %s %s the %s at (%g, %g, %g), depth %g, distance %g\n", names[one->part[0]], verb(one->kind),
+                   names[one->part[1]], at[0], at[1], at[2], one->depth, one->distance);
             counts[index_of(one)]++;
         }
     } while (count == 64);
@@ -185,6 +186,7 @@ int main(int argc, char **argv) {
     CHECK(oc_scene_commit(scene));
 
     desc.clearance = clearance;
+    desc.tolerance = tolerance;
     CHECK(oc_scene_clash_start(scene, &desc, &job));
     int counts[EXPECTED + 1] = {0};
     do { /* a program with a window would draw between the calls */

@@ -1135,6 +1135,11 @@ typedef struct oc_clash_desc {
     const struct oc_part_set *second;
     /** Distance in world units up to which parts that are apart clash; 0 or more. */
     double clearance;
+    /**
+     * Depth in world units up to which closed parts that reach into each other touch, and greatest error of the depths
+     * of others; 0 or more. 0: depths are not sought.
+     */
+    double tolerance;
     /** Greatest number of pairs of triangles with OC_CLASH_DETAIL_TRIANGLES. 0: 1048576. */
     uint64_t limit;
     /**
@@ -1174,22 +1179,34 @@ typedef struct oc_clash {
     /** Indices of the triangles in the inputs of the builds, from 0. OC_NO_ID: a clash of parts. */
     uint64_t prim[2];
     /**
-     * World space. Crossing, touching: an end of the common segment of two triangles. Clearance: the point of the
-     * first part that is nearest to the second. Contained: a corner of the part inside.
+     * World space. If there is a depth: the deepest point of the first part in the second, or if that reaches deeper
+     * into the first, the point of the first part's surface nearest to its deepest point. Clearance: the point of the
+     * first part that is nearest to the second. Otherwise an end of the common segment of two triangles, or a corner of
+     * the part inside.
      */
     double first_point[3];
-    /**
-     * World space. Crossing, touching: the other end of the segment. Clearance: the point of the second part that is
-     * nearest to the first. Contained: the same corner.
-     */
+    /** World space. As `first_point`, of the second part; otherwise the other end of the segment, or the same corner. */
     double second_point[3];
+    /**
+     * The direction in which the second part moves away from the first, of length 1: along both points if there is a
+     * depth or a distance, otherwise along the normal of a triangle there. Zero: none is known.
+     */
+    double normal[3];
     /** Least corner of the box around all common points of the parts (around both points if there are none). */
     double low[3];
     /** Greatest corner of that box. */
     double high[3];
+    /**
+     * The greatest distance, in world units, from a point of a part's surface that is inside of the other part to the
+     * other's surface; of both parts if this is a clash of two triangles. 0: it is not known, or they only touch.
+     */
+    double depth;
     /** Distance of the parts in world units. 0: they have common points, or one is inside of the other. */
     double distance;
-    /** Bound of the error of `distance`. */
+    /**
+     * Bound of the error of `depth` or `distance`. That of a depth is at most the tolerance and rounding, unless the
+     * search ended early after many tries.
+     */
     double error;
     /**
      * Number of pairs of triangles that meet. Some are counted several times in a clash of parts of a model that was
@@ -1804,17 +1821,44 @@ typedef struct oc_pixels {
 /** Pairs of one model whose parts have equal materials. */
 #define OC_CLASH_SKIP_SAME_MATERIAL 8
 
-/** Their surfaces cross, or overlap in a plane. */
+/**
+ * Their surfaces cross. How deep is not known: the tolerance is 0, a part is not closed, or the triangles of both parts
+ * do not fit the budget.
+ */
 #define OC_CLASH_CROSSING 1
 
-/** Their surfaces touch, and do not cross. */
-#define OC_CLASH_TOUCHING 2
+/**
+ * Their surfaces overlap in a plane, and do not cross. The parts may lie against each other or in one another: that is
+ * not known, for the same reasons.
+ */
+#define OC_CLASH_COPLANAR 2
 
-/** One part is inside of the other, which is closed. Their surfaces have no point in common. */
-#define OC_CLASH_CONTAINED 3
+/**
+ * Their surfaces have common points, and do not cross or overlap. With a tolerance: neither closed part reaches deeper
+ * into the other than that.
+ */
+#define OC_CLASH_TOUCHING 3
 
 /** They are apart, and their distance is at most the clearance, within `oc_clash.error`. */
 #define OC_CLASH_CLEARANCE 4
+
+/** Both are closed, and one reaches deeper into the other than the tolerance. */
+#define OC_CLASH_HARD 5
+
+/**
+ * As OC_CLASH_HARD, and one goes through the other, like a rod through a plate: its surface outside of the other is in
+ * several pieces. Decided by edges of triangles and their ends.
+ */
+#define OC_CLASH_PIERCING 6
+
+/**
+ * One part is inside of the other, which is closed. With tolerance 0, their surfaces have no point in common. With a
+ * tolerance, it is deeper inside than that, and its surface is nowhere farther outside than about that.
+ */
+#define OC_CLASH_CONTAINED 7
+
+/** With a tolerance: both are closed, and each surface is nowhere farther from the other than about that. */
+#define OC_CLASH_DUPLICATE 8
 
 /** The first part is not closed: nothing is known of its inside. */
 #define OC_CLASH_OPEN_FIRST 1
@@ -3239,14 +3283,16 @@ OC_API void oc_part_set_release(struct oc_part_set *set);
  * Parts of one instance are compared too, and each instance of a shared mesh counts. Triangles decide, in exact
  * arithmetic on their corners: these are placed once, in double precision, in a frame near the pair. The result does
  * not depend on the number of threads, on the order of the sets or on the blocks in memory. Parts that have a corner,
- * an edge or an area in common touch or cross: the clearance does not remove them.
+ * an edge or an area in common touch or cross: the clearance does not remove them. With a tolerance, the search also
+ * finds how deep closed parts reach into each other: it reads all triangles of such parts, into memory that counts
+ * against the budget.
  *
  * - `desc`: the search. It is copied, the sets too. Initialise it with OC_INIT. NULL: all zeros.
  * - `out_job`: receives the job. oc_job_take_clashes returns what it finds, oc_job_clash_summary the numbers.
  *
  * Errors:
- * - OC_STATUS_INVALID_ARGUMENT: the clearance is negative or not finite, a set is empty, or `detail` or a flag is
- *   unknown.
+ * - OC_STATUS_INVALID_ARGUMENT: the clearance or the tolerance is negative or not finite, a set is empty, or `detail`
+ *   or a flag is unknown.
  * - The job fails with OC_STATUS_INVALID_ARGUMENT if a set names an instance or part that the scene lacks, and with
  *   the error of a disk read.
  *

@@ -98,10 +98,11 @@ fn layouts() -> Vec<Layout> {
         oc_overlap { instance, part, kind, reserved }
         oc_plane { normal, d }
         oc_clash_desc {
-            struct_size, detail, first, second, clearance, limit, skip_pairs, skip_count, skip, reserved,
+            struct_size, detail, first, second, clearance, tolerance, limit, skip_pairs, skip_count, skip, reserved,
         }
         oc_clash {
-            id, instance, part, prim, first_point, second_point, low, high, distance, error, count, kind, open,
+            id, instance, part, prim, first_point, second_point, normal, low, high, depth, distance, error, count, kind,
+            open,
         }
         oc_clash_summary { struct_size, is_cut, clashes, pairs }
         oc_fit {

@@ -1,6 +1,8 @@
 //! Clashes, against brute force over all pairs of triangles by exact predicates.
 
 mod common;
+#[path = "clash/depths.rs"]
+mod depths;
 
 use common::brute::Tri;
 use common::built::{self, Part};
@@ -94,17 +96,24 @@ impl World {
         let options = ClashOptions { detail: ClashDetail::Triangles, ..ClashOptions::default() };
         let (clashes, summary) = self.clash(&options);
         assert!(!summary.is_cut);
-        let meets = |kind| [ClashKind::Crossing, ClashKind::Touching].contains(&kind);
+        let meets = |kind| kind <= ClashKind::Touching;
         let found: BTreeMap<_, _> =
             clashes.iter().filter(|c| meets(c.kind)).map(|c| ((c.instances, c.parts, c.prims), c.kind)).collect();
         assert_eq!(found.len(), clashes.iter().filter(|c| meets(c.kind)).count(), "{name}: each pair once");
         let expected = self.brute();
-        let kind = |r: Relation| if r >= Relation::Coplanar { ClashKind::Crossing } else { ClashKind::Touching };
         for (key, relation) in &expected {
-            assert_eq!(found.get(key), Some(&kind(*relation)), "{name}: {key:?} {relation:?}");
+            assert_eq!(found.get(key), Some(&kind_of(*relation)), "{name}: {key:?} {relation:?}");
         }
         assert_eq!(found.len(), expected.len(), "{name}");
         found.len()
+    }
+}
+
+fn kind_of(relation: Relation) -> ClashKind {
+    match relation {
+        Relation::Crossing => ClashKind::Crossing,
+        Relation::Coplanar => ClashKind::Coplanar,
+        _ => ClashKind::Touching,
     }
 }
 
@@ -319,8 +328,9 @@ fn bad_sets_and_clearances_are_refused() {
             .to_string();
         assert!(error.contains(what), "{error}");
     };
-    for clearance in [-1.0, f64::NAN, f64::INFINITY] {
-        fails(ClashOptions { clearance, ..ClashOptions::default() }, "clearance");
+    for bad in [-1.0, f64::NAN, f64::INFINITY] {
+        fails(ClashOptions { clearance: bad, ..ClashOptions::default() }, "clearance");
+        fails(ClashOptions { tolerance: bad, ..ClashOptions::default() }, "tolerance");
     }
     fails(ClashOptions { a: PartSet::default(), ..ClashOptions::default() }, "empty");
     let mut set = PartSet::default();
@@ -372,5 +382,59 @@ fn budgets_and_threads_do_not_matter() {
             let differs = found.iter().zip(&expected).find(|(a, b)| a != b);
             assert!(differs.is_none() && found.len() == expected.len(), "{threads}, {budget}: {differs:?}");
         }
+    }
+}
+
+/// Assemblies of CAD systems that are stored as they are read: pairs of triangles equal brute force.
+#[test]
+fn assemblies_equal_brute_force() {
+    for (name, least) in [("as1_assembly", 80_000), ("sheet_box_assembly", 0), ("franka_fer_arm", 0)] {
+        let Some(path) = common::models::find(&format!("cad/{name}.glb")) else { return };
+        let (file, _) = built::build_with(built::options(), |builder| builder.add_file(&path).expect("a mesh"));
+        let (scene, model) = built::scene(&built::context(2), &file);
+        let mut all: Vec<(u64, u64, Tri)> = Vec::new();
+        for part in 0..model.parts().len() as u32 {
+            let mut reader = model.read_part(part).expect("a part");
+            loop {
+                let some = reader.next(1 << 12, &Cancel::new()).expect("triangles");
+                if some.is_empty() {
+                    break;
+                }
+                all.extend(some.iter().map(|t| (t.part, t.prim, t.corners)));
+            }
+        }
+        // Sorted along x: only triangles whose boxes overlap are compared.
+        let bounds = |t: &Tri| (t[0].min(t[1]).min(t[2]), t[0].max(t[1]).max(t[2]));
+        let mut sorted: Vec<_> = all.iter().map(|it| (bounds(&it.2), it)).collect();
+        sorted.sort_by(|a, b| a.0.0.x.total_cmp(&b.0.0.x));
+        let mut expected = BTreeMap::new();
+        for (i, ((low, high), a)) in sorted.iter().enumerate() {
+            for (of_b, b) in sorted[i..].iter().take_while(|((least, _), _)| least.x <= high.x) {
+                if a.0 != b.0 && low.cmple(of_b.1).all() && of_b.0.cmple(*high).all() {
+                    let relation = relate(&a.2, &b.2);
+                    if relation != Relation::Apart {
+                        let (a, b) = if a.0 < b.0 { (a, b) } else { (b, a) };
+                        expected.insert(([a.0, b.0], [a.1, b.1]), relation);
+                    }
+                }
+            }
+        }
+        let options = ClashOptions { detail: ClashDetail::Triangles, limit: u64::MAX, ..ClashOptions::default() };
+        let mut found = BTreeMap::new();
+        let take = &mut |clash: &Clash| {
+            if clash.kind <= ClashKind::Touching {
+                let turned = clash.parts[1] < clash.parts[0];
+                let sort = |[a, b]: [u64; 2]| if turned { [b, a] } else { [a, b] };
+                found.insert((sort(clash.parts), sort(clash.prims)), clash.kind);
+            }
+        };
+        scene.state().clash(&options, &Progress::default(), &Cancel::new(), take).expect("an answer");
+        let count = |kind| found.values().filter(|&&it| it == kind).count();
+        let [crossing, coplanar, touching] = [ClashKind::Crossing, ClashKind::Coplanar, ClashKind::Touching].map(count);
+        println!("{name}: {crossing} crossing, {coplanar} coplanar, {touching} touching");
+        assert!(found.len() >= least);
+        let differs = expected.iter().find(|(key, relation)| found.get(key) != Some(&kind_of(**relation)));
+        assert_eq!(differs, None, "{name}");
+        assert_eq!(found.len(), expected.len(), "{name}");
     }
 }

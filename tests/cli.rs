@@ -256,9 +256,9 @@ fn clashes_are_listed_and_compared_with_earlier_ones() {
     let of = |all: &[(&str, &str)]| -> Vec<_> {
         all.iter().map(|(kind, other)| (kind.to_string(), "wall".to_string(), other.to_string())).collect()
     };
-    let hard = [("crossing", "pipe"), ("crossing", "shelf"), ("contained", "core")];
-    assert_eq!(list(&[]).0, of(&hard));
-    let near = [hard[0], hard[1], ("clearance", "lamp"), hard[2]];
+    let met = [("crossing", "pipe"), ("coplanar", "shelf"), ("contained", "core")];
+    assert_eq!(list(&[]).0, of(&met));
+    let near = [met[0], met[1], ("clearance", "lamp"), met[2]];
     let (found, all) = list(&["--clearance", "0.25", "--csv", "m.csv"]);
     assert_eq!(found, of(&near));
     assert_eq!((&all["clashes"][2]["distance"], &all["pairs"]), (&serde_json::json!(0.25), &serde_json::json!(4)));
@@ -275,9 +275,30 @@ fn clashes_are_listed_and_compared_with_earlier_ones() {
     std::fs::write(dir.join("rules.json"), serde_json::json!([pairs[0], pairs[2]]).to_string()).unwrap();
     assert_eq!(list(&["--clearance", "0.25", "--rules", "rules.json"]).0, of(&near[2..3]));
     let text = String::from_utf8(outcrop(dir, &["clash", "m.oc", "m.oc"]).stdout).unwrap();
-    assert!(text.ends_with(" of parts\n") && text.contains("crossing\t"), "{text}");
+    assert!(text.ends_with(" of parts\n") && text.contains("coplanar\t"), "{text}");
     let (triangles, _) = list(&["--triangles"]);
     assert!(triangles.iter().filter(|(kind, ..)| kind != "contained").count() > 2, "{triangles:?}");
+    // With a tolerance: the pipe is back, and goes through the wall.
+    write(4.0);
+    let deep = [("piercing", "pipe"), ("touching", "shelf"), ("contained", "core")];
+    let (found, all) = list(&["--tolerance", "0.001", "--group", "part"]);
+    assert_eq!(found, of(&deep));
+    assert!((all["clashes"][0]["depth"].as_f64().unwrap() - 0.5).abs() <= 0.001);
+    let groups = |all: &serde_json::Value| -> Vec<(String, usize)> {
+        let group =
+            |g: &serde_json::Value| (g["name"].as_str().unwrap().into(), g["clashes"].as_array().unwrap().len());
+        all["groups"].as_array().unwrap().iter().map(group).collect()
+    };
+    let named = |all: &[(&str, usize)]| -> Vec<_> { all.iter().map(|(name, n)| (name.to_string(), *n)).collect() };
+    assert_eq!(groups(&all), named(&[("wall", 3), ("pipe", 1), ("shelf", 1), ("core", 1)]));
+    let (_, all) = list(&["--group", "pair"]);
+    assert_eq!(groups(&all), named(&[("wall and pipe", 1), ("wall and shelf", 1), ("wall and core", 1)]));
+    // Boxes of 4 and more apart, and near each other by the clearance.
+    assert_eq!(groups(&list(&["--group", "near"]).1).len(), 3);
+    assert_eq!(groups(&list(&["--group", "near", "--clearance", "4"]).1).len(), 1);
+    let text = String::from_utf8(outcrop(dir, &["clash", "m.oc", "--group", "part"]).stdout).unwrap();
+    assert!(text.contains("wall: 3 clashes\n  crossing\t") && text.contains("pipe: 1 clash\n"), "{text}");
+    fails(dir, &["clash", "m.oc", "--tolerance", "-1"], 2, "0 or more");
     fails(dir, &["clash", "m.oc", "--clearance", "-1"], 2, "0 or more");
     fails(dir, &["clash", "no.oc"], 1, "no.oc");
     fails(dir, &["clash", "m.oc", "--rules", "old.json"], 2, "pairs of part ids");

@@ -124,14 +124,27 @@ pub const OC_CLASH_SKIP_SAME_MATERIAL: oc_clash_skip_flags = 8;
 
 /// The way in which two parts clash.
 pub type oc_clash_kind = u32;
-/// Their surfaces cross, or overlap in a plane.
+/// Their surfaces cross. How deep is not known: the tolerance is 0, a part is not closed, or the triangles of both parts
+/// do not fit the budget.
 pub const OC_CLASH_CROSSING: oc_clash_kind = 1;
-/// Their surfaces touch, and do not cross.
-pub const OC_CLASH_TOUCHING: oc_clash_kind = 2;
-/// One part is inside of the other, which is closed. Their surfaces have no point in common.
-pub const OC_CLASH_CONTAINED: oc_clash_kind = 3;
+/// Their surfaces overlap in a plane, and do not cross. The parts may lie against each other or in one another: that is
+/// not known, for the same reasons.
+pub const OC_CLASH_COPLANAR: oc_clash_kind = 2;
+/// Their surfaces have common points, and do not cross or overlap. With a tolerance: neither closed part reaches deeper
+/// into the other than that.
+pub const OC_CLASH_TOUCHING: oc_clash_kind = 3;
 /// They are apart, and their distance is at most the clearance, within `oc_clash.error`.
 pub const OC_CLASH_CLEARANCE: oc_clash_kind = 4;
+/// Both are closed, and one reaches deeper into the other than the tolerance.
+pub const OC_CLASH_HARD: oc_clash_kind = 5;
+/// As OC_CLASH_HARD, and one goes through the other, like a rod through a plate: its surface outside of the other is in
+/// several pieces. Decided by edges of triangles and their ends.
+pub const OC_CLASH_PIERCING: oc_clash_kind = 6;
+/// One part is inside of the other, which is closed. With tolerance 0, their surfaces have no point in common. With a
+/// tolerance, it is deeper inside than that, and its surface is nowhere farther outside than about that.
+pub const OC_CLASH_CONTAINED: oc_clash_kind = 7;
+/// With a tolerance: both are closed, and each surface is nowhere farther from the other than about that.
+pub const OC_CLASH_DUPLICATE: oc_clash_kind = 8;
 
 /// Flags: parts of a clash that are not closed.
 pub type oc_clash_open_flags = u32;
@@ -154,6 +167,9 @@ pub struct oc_clash_desc {
     pub second: *const oc_part_set,
     /// Distance in world units up to which parts that are apart clash; 0 or more.
     pub clearance: f64,
+    /// Depth in world units up to which closed parts that reach into each other touch, and greatest error of the depths
+    /// of others; 0 or more. 0: depths are not sought.
+    pub tolerance: f64,
     /// Greatest number of pairs of triangles with OC_CLASH_DETAIL_TRIANGLES. 0: 1048576.
     pub limit: u64,
     /// Pairs of part ids that are not compared, in any instances and either order: 2 * `skip_count` ids. May be NULL if
@@ -187,19 +203,27 @@ pub struct oc_clash {
     pub part: [u64; 2],
     /// Indices of the triangles in the inputs of the builds, from 0. OC_NO_ID: a clash of parts.
     pub prim: [u64; 2],
-    /// World space. Crossing, touching: an end of the common segment of two triangles. Clearance: the point of the
-    /// first part that is nearest to the second. Contained: a corner of the part inside.
+    /// World space. If there is a depth: the deepest point of the first part in the second, or if that reaches deeper
+    /// into the first, the point of the first part's surface nearest to its deepest point. Clearance: the point of the
+    /// first part that is nearest to the second. Otherwise an end of the common segment of two triangles, or a corner of
+    /// the part inside.
     pub first_point: [f64; 3],
-    /// World space. Crossing, touching: the other end of the segment. Clearance: the point of the second part that is
-    /// nearest to the first. Contained: the same corner.
+    /// World space. As `first_point`, of the second part; otherwise the other end of the segment, or the same corner.
     pub second_point: [f64; 3],
+    /// The direction in which the second part moves away from the first, of length 1: along both points if there is a
+    /// depth or a distance, otherwise along the normal of a triangle there. Zero: none is known.
+    pub normal: [f64; 3],
     /// Least corner of the box around all common points of the parts (around both points if there are none).
     pub low: [f64; 3],
     /// Greatest corner of that box.
     pub high: [f64; 3],
+    /// The greatest distance, in world units, from a point of a part's surface that is inside of the other part to the
+    /// other's surface; of both parts if this is a clash of two triangles. 0: it is not known, or they only touch.
+    pub depth: f64,
     /// Distance of the parts in world units. 0: they have common points, or one is inside of the other.
     pub distance: f64,
-    /// Bound of the error of `distance`.
+    /// Bound of the error of `depth` or `distance`. That of a depth is at most the tolerance and rounding, unless the
+    /// search ended early after many tries.
     pub error: f64,
     /// Number of pairs of triangles that meet. Some are counted several times in a clash of parts of a model that was
     /// built with spatial splits.
@@ -242,6 +266,8 @@ impl From<&Clash> for oc_clash {
             second_point: clash.points[1].to_array(),
             low: clash.bounds.min.to_array(),
             high: clash.bounds.max.to_array(),
+            normal: clash.normal.to_array(),
+            depth: clash.depth,
             distance: clash.distance,
             error: clash.error,
             count: clash.count,
@@ -334,6 +360,7 @@ impl oc_clash_desc {
                 pairs,
             },
             clearance: self.clearance,
+            tolerance: self.tolerance,
             detail,
             limit: if self.limit == 0 { ClashOptions::default().limit } else { self.limit },
         })
@@ -346,14 +373,16 @@ impl oc_clash_desc {
 /// Parts of one instance are compared too, and each instance of a shared mesh counts. Triangles decide, in exact
 /// arithmetic on their corners: these are placed once, in double precision, in a frame near the pair. The result does
 /// not depend on the number of threads, on the order of the sets or on the blocks in memory. Parts that have a corner,
-/// an edge or an area in common touch or cross: the clearance does not remove them.
+/// an edge or an area in common touch or cross: the clearance does not remove them. With a tolerance, the search also
+/// finds how deep closed parts reach into each other: it reads all triangles of such parts, into memory that counts
+/// against the budget.
 ///
 /// - `desc`: the search. It is copied, the sets too. Initialise it with OC_INIT. NULL: all zeros.
 /// - `out_job`: receives the job. oc_job_take_clashes returns what it finds, oc_job_clash_summary the numbers.
 ///
 /// Errors:
-/// - OC_STATUS_INVALID_ARGUMENT: the clearance is negative or not finite, a set is empty, or `detail` or a flag is
-///   unknown.
+/// - OC_STATUS_INVALID_ARGUMENT: the clearance or the tolerance is negative or not finite, a set is empty, or `detail`
+///   or a flag is unknown.
 /// - The job fails with OC_STATUS_INVALID_ARGUMENT if a set names an instance or part that the scene lacks, and with
 ///   the error of a disk read.
 ///

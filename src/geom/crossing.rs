@@ -12,6 +12,7 @@
 //! Products and differences of the projection are rounded, which moves the corners by a few roundings, for all
 //! triangles alike. They are exact if coordinates and direction have few digits.
 
+use super::signs;
 use glam::DVec3;
 
 /// The side of a triangle that a line meets.
@@ -67,6 +68,16 @@ impl Line {
         }
         // The projection keeps the orientation that the corners have as seen from the end of the last axis.
         Some(if turns_left == (self.dir[self.axes[2]] < 0.0) { Side::Front } else { Side::Back })
+    }
+
+    /// True if the crossing of a triangle that the line crosses with this side is not behind the line's origin. Exact.
+    #[inline]
+    pub fn is_ahead(&self, corners: &[DVec3; 3], side: Side) -> bool {
+        let of_origin = signs::side([corners[0], corners[1], corners[2], self.origin]);
+        match side {
+            Side::Front => of_origin >= 0,
+            Side::Back => of_origin <= 0,
+        }
     }
 
     /// The projection of a point.

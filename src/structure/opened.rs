@@ -182,11 +182,10 @@ impl Boxes {
         let mut all =
             [f32::INFINITY, f32::INFINITY, f32::INFINITY, f32::NEG_INFINITY, f32::NEG_INFINITY, f32::NEG_INFINITY];
         for row in &self.rows {
+            let (low, high) = row.split_at(3);
             for axis in 0..3 {
-                for i in 0..LANES {
-                    all[axis] = all[axis].min(row[axis][i]);
-                    all[axis + 3] = all[axis + 3].max(row[axis + 3][i]);
-                }
+                all[axis] = low[axis].iter().fold(all[axis], |least, x| least.min(*x));
+                all[axis + 3] = high[axis].iter().fold(all[axis + 3], |most, x| most.max(*x));
             }
         }
         all

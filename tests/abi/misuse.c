@@ -1143,8 +1143,10 @@ static void clashes(oc_scene *s0) {
     for (int i = 0; i < 4; i++) {
         desc.clearance = bad[i];
         INVALID(oc_scene_clash_start(s0, &desc, &job));
+        desc.clearance = 0, desc.tolerance = bad[i];
+        INVALID(oc_scene_clash_start(s0, &desc, &job));
+        desc.tolerance = 0;
     }
-    desc.clearance = 0;
     desc.detail = 9;
     INVALID(oc_scene_clash_start(s0, &desc, &job));
     desc.detail = OC_CLASH_DETAIL_TRIANGLES;
@@ -1289,7 +1291,7 @@ static void clashes_of_contexts(void) {
             const oc_clash *it = &found[i];
             CHECK(it->instance[0] == 1 && it->instance[1] == 2 && it->part[0] == 7 && it->part[1] == 7);
             CHECK(it->prim[0] < 4 && it->prim[1] < 4 && it->distance == 0 && it->count == 1 && it->open == 0);
-            CHECK(it->kind == OC_CLASH_CROSSING || it->kind == OC_CLASH_TOUCHING);
+            CHECK(it->kind >= OC_CLASH_CROSSING && it->kind <= OC_CLASH_TOUCHING);
             for (int k = 0; k < 3; k++) CHECK(it->low[k] <= it->first_point[k] && it->first_point[k] <= it->high[k]);
         }
         if (way == 0) memcpy(first, found, sizeof first), firsts = all;

@@ -342,8 +342,8 @@ class oc_clash_desc(Sized):
 
     _fields_ = [
         ("struct_size", c.c_uint32), ("detail", c.c_uint32), ("first", c.c_void_p), ("second", c.c_void_p),
-        ("clearance", c.c_double), ("limit", c.c_uint64), ("skip_pairs", c.c_void_p), ("skip_count", c.c_uint64),
-        ("skip", c.c_uint32), ("reserved", c.c_uint32),
+        ("clearance", c.c_double), ("tolerance", c.c_double), ("limit", c.c_uint64), ("skip_pairs", c.c_void_p),
+        ("skip_count", c.c_uint64), ("skip", c.c_uint32), ("reserved", c.c_uint32),
     ]
 
 
@@ -355,9 +355,9 @@ class oc_clash(c.Structure):
 
     _fields_ = [
         ("id", c.c_uint64), ("instance", c.c_uint64 * 2), ("part", c.c_uint64 * 2), ("prim", c.c_uint64 * 2),
-        ("first_point", c.c_double * 3), ("second_point", c.c_double * 3), ("low", c.c_double * 3),
-        ("high", c.c_double * 3), ("distance", c.c_double), ("error", c.c_double), ("count", c.c_uint64),
-        ("kind", c.c_uint32), ("open", c.c_uint32),
+        ("first_point", c.c_double * 3), ("second_point", c.c_double * 3), ("normal", c.c_double * 3),
+        ("low", c.c_double * 3), ("high", c.c_double * 3), ("depth", c.c_double), ("distance", c.c_double),
+        ("error", c.c_double), ("count", c.c_uint64), ("kind", c.c_uint32), ("open", c.c_uint32),
     ]
 
 

@@ -46,8 +46,8 @@ PART_AT = dtype_of(_abi.oc_part_at)
 OVERLAP = dtype_of(_abi.oc_overlap)
 """dtype of a part that intersects a volume: instance, part, kind. See `Overlap`."""
 CLASH = dtype_of(_abi.oc_clash)
-"""dtype of a clash: id, instance, part, prim, first_point, second_point, low, high, distance, error, count, kind, open.
-See `Clash`."""
+"""dtype of a clash: id, instance, part, prim, first_point, second_point, normal, low, high, depth, distance, error,
+count, kind, open. See `Clash`."""
 TRIANGLE = numpy.dtype({
     "names": ["corners", "part", "prim", "normals"],
     "formats": [(numpy.float64, (3, 3)), numpy.uint64, numpy.uint64, (numpy.float32, (3, 3))],

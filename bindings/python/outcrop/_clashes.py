@@ -67,7 +67,8 @@ class Clashes(Handle):
     """The search for clashes of a scene. It sees the committed state."""
 
     def clash_start(self, first: PartSet | None = None, second: PartSet | None = None, *, clearance: float = 0.0,
-                    triangles: bool = False, limit: int = 0, skip: ClashSkipFlags = ClashSkipFlags(0),
+                    tolerance: float = 0.0, triangles: bool = False, limit: int = 0,
+                    skip: ClashSkipFlags = ClashSkipFlags(0),
                     skip_pairs: Sequence[tuple[int, int]] = ()) -> ClashJob:
         """Begins to search for clashes in the background. Arguments: see `clash`."""
         pairs = [whole("skip_pairs", part) for pair in skip_pairs for part in pair]
@@ -77,25 +78,29 @@ class Clashes(Handle):
             detail=ClashDetail.TRIANGLES if triangles else ClashDetail.PARTS,
             first=None if first is None else first._h._as_parameter_,
             second=None if second is None else second._h._as_parameter_,
-            clearance=real("clearance", clearance), limit=whole("limit", limit),
+            clearance=real("clearance", clearance), tolerance=real("tolerance", tolerance),
+            limit=whole("limit", limit),
             skip_pairs=c.cast((c.c_uint64 * len(pairs))(*pairs), c.c_void_p), skip_count=len(skip_pairs),
             skip=whole("skip", skip, 32))
         job = made(lib.oc_scene_clash_start, self._h, c.byref(desc))
         return ClashJob(job, self._h, lambda job, _progress: taken(job))
 
     def clash(self, first: PartSet | None = None, second: PartSet | None = None, *, clearance: float = 0.0,
-              triangles: bool = False, limit: int = 0, skip: ClashSkipFlags = ClashSkipFlags(0),
+              tolerance: float = 0.0, triangles: bool = False, limit: int = 0,
+              skip: ClashSkipFlags = ClashSkipFlags(0),
               skip_pairs: Sequence[tuple[int, int]] = ()) -> Array:
         """Returns pairs of visible parts that cross, touch, hold one another or are too near, of dtype CLASH.
 
         first: parts of which a clash has one; all by default.
         second: parts of which a clash has the other; those of `first` by default.
         clearance: distance up to which parts that are apart clash, in world units.
+        tolerance: depth up to which closed parts that reach into each other touch, and greatest error of the depths of
+            others, in world units; 0: depths are not sought.
         triangles: returns pairs of triangles, not of parts; at most `limit` (0: 1048576).
         skip: pairs that are not compared.
         skip_pairs: pairs of part ids that are not compared.
 
         The column `kind` has the constants of ClashKind, and `open` those of ClashOpenFlags.
         """
-        return self.clash_start(first, second, clearance=clearance, triangles=triangles, limit=limit, skip=skip,
-                                skip_pairs=skip_pairs).result()
+        return self.clash_start(first, second, clearance=clearance, tolerance=tolerance, triangles=triangles,
+                                limit=limit, skip=skip, skip_pairs=skip_pairs).result()

@@ -443,13 +443,31 @@ class ClashKind(enum.IntEnum):
     """The way in which two parts clash."""
 
     CROSSING = 1
-    """Their surfaces cross, or overlap in a plane."""
-    TOUCHING = 2
-    """Their surfaces touch, and do not cross."""
-    CONTAINED = 3
-    """One part is inside of the other, which is closed. Their surfaces have no point in common."""
+    """Their surfaces cross. How deep is not known: the tolerance is 0, a part is not closed, or the triangles of
+    both parts do not fit the budget.
+    """
+    COPLANAR = 2
+    """Their surfaces overlap in a plane, and do not cross. The parts may lie against each other or in one another:
+    that is not known, for the same reasons.
+    """
+    TOUCHING = 3
+    """Their surfaces have common points, and do not cross or overlap. With a tolerance: neither closed part reaches
+    deeper into the other than that.
+    """
     CLEARANCE = 4
     """They are apart, and their distance is at most the clearance, within `Clash.error`."""
+    HARD = 5
+    """Both are closed, and one reaches deeper into the other than the tolerance."""
+    PIERCING = 6
+    """As ClashKind.HARD, and one goes through the other, like a rod through a plate: its surface outside of the
+    other is in several pieces. Decided by edges of triangles and their ends.
+    """
+    CONTAINED = 7
+    """One part is inside of the other, which is closed. With tolerance 0, their surfaces have no point in common.
+    With a tolerance, it is deeper inside than that, and its surface is nowhere farther outside than about that.
+    """
+    DUPLICATE = 8
+    """With a tolerance: both are closed, and each surface is nowhere farther from the other than about that."""
 
 
 class ClashOpenFlags(enum.IntFlag):

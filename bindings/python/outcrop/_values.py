@@ -632,21 +632,32 @@ class Clash(Value):
     prim: Vector = (0, 0)
     """Indices of the triangles in the inputs of the builds, from 0. OC_NO_ID: a clash of parts."""
     first_point: Vector = (0.0, 0.0, 0.0)
-    """World space. Crossing, touching: an end of the common segment of two triangles. Clearance: the point of the
-    first part that is nearest to the second. Contained: a corner of the part inside.
+    """World space. If there is a depth: the deepest point of the first part in the second, or if that reaches deeper
+    into the first, the point of the first part's surface nearest to its deepest point. Clearance: the point of
+    the first part that is nearest to the second. Otherwise an end of the common segment of two triangles, or a
+    corner of the part inside.
     """
     second_point: Vector = (0.0, 0.0, 0.0)
-    """World space. Crossing, touching: the other end of the segment. Clearance: the point of the second part that is
-    nearest to the first. Contained: the same corner.
+    """World space. As `first_point`, of the second part; otherwise the other end of the segment, or the same corner."""
+    normal: Vector = (0.0, 0.0, 0.0)
+    """The direction in which the second part moves away from the first, of length 1: along both points if there is a
+    depth or a distance, otherwise along the normal of a triangle there. Zero: none is known.
     """
     low: Vector = (0.0, 0.0, 0.0)
     """Least corner of the box around all common points of the parts (around both points if there are none)."""
     high: Vector = (0.0, 0.0, 0.0)
     """Greatest corner of that box."""
+    depth: float = 0.0
+    """The greatest distance, in world units, from a point of a part's surface that is inside of the other part to
+    the other's surface; of both parts if this is a clash of two triangles. 0: it is not known, or they only
+    touch.
+    """
     distance: float = 0.0
     """Distance of the parts in world units. 0: they have common points, or one is inside of the other."""
     error: float = 0.0
-    """Bound of the error of `distance`."""
+    """Bound of the error of `depth` or `distance`. That of a depth is at most the tolerance and rounding, unless the
+    search ended early after many tries.
+    """
     count: int = 0
     """Number of pairs of triangles that meet. Some are counted several times in a clash of parts of a model that was
     built with spatial splits.

@@ -96,8 +96,8 @@ def relation(a: int, b: int) -> tuple[ClashKind, float]:
     gaps = between - (small + large) / 2
     if gaps.max() > 0:
         return ClashKind.CLEARANCE, float(numpy.linalg.norm(numpy.maximum(gaps, 0)))
-    if (gaps == 0).sum() >= 2:  # an edge or a corner; a face in common overlaps in a plane, which is a crossing
-        return ClashKind.TOUCHING, 0.0
+    if gaps.max() == 0:  # an edge or a corner, or a face
+        return (ClashKind.TOUCHING if (gaps == 0).sum() >= 2 else ClashKind.COPLANAR), 0.0
     return (ClashKind.CONTAINED if (between + small / 2 < large / 2).all() else ClashKind.CROSSING), 0.0
 
 
@@ -108,12 +108,21 @@ def test_kinds_are_those_of_cubes(context: outcrop.Context, tmp_path: Path) -> N
     clearance = 0.8
     known = {pair: relation(*pair) for pair in itertools.combinations(range(len(CUBES)), 2)}
     expected = {pair: kind for pair, (kind, gap) in known.items() if gap <= clearance}
-    assert set(expected.values()) == set(ClashKind)
+    assert set(expected.values()) == {ClashKind.CROSSING, ClashKind.COPLANAR, ClashKind.TOUCHING, ClashKind.CLEARANCE,
+                                      ClashKind.CONTAINED}
+    deep = {ClashKind.CROSSING: ClashKind.HARD, ClashKind.COPLANAR: ClashKind.TOUCHING}
     with context.open(tmp_path / "cubes.oc") as model, context.scene(model) as scene:
         found = scene.clash(clearance=clearance)
         assert {tuple(one["part"].tolist()): ClashKind(one["kind"]) for one in found} == expected
         for one in found:
             assert abs(one["distance"] - known[tuple(one["part"].tolist())][1]) <= one["error"] + 1e-12
+        for one in scene.clash(clearance=clearance, tolerance=1e-3):
+            kind = expected[tuple(one["part"].tolist())]
+            assert ClashKind(one["kind"]) == deep.get(kind, kind)
+            assert (one["depth"] > 0.1) == (kind in (ClashKind.CROSSING, ClashKind.CONTAINED))
+            far = one["depth"] + one["distance"]
+            points = numpy.linalg.norm(one["first_point"] - one["second_point"])
+            assert (far == 0 or abs(far - points) < 1e-9) and one["error"] <= 1e-3
         # The sets exchanged: the parts of each clash too, but not its id.
         with outcrop.PartSet() as some, outcrop.PartSet() as others:
             for part in range(len(CUBES)):

@@ -1,8 +1,10 @@
 //! `outcrop clash`.
 
+use crate::clash_groups::{Group, Grouping};
 use crate::common::{self, Failure, Outcome};
 use glam::{DAffine3, DVec3};
 use outcrop::base::progress::Progress;
+use outcrop::math::DBounds;
 use outcrop::query::NONE;
 use outcrop::query::clash::{Clash, ClashDetail, ClashKind, ClashOptions, ClashRules, ClashSummary, PartSet};
 use outcrop::scene::{Context, ContextOptions, Model, Scene};
@@ -22,6 +24,10 @@ pub struct Args {
     /// Distance up to which parts that are apart clash, in the unit of the model
     #[arg(long, value_name = "DISTANCE", default_value = "0", allow_negative_numbers = true, value_parser = distance)]
     clearance: f64,
+    /// Depth up to which closed parts that reach into each other only touch, in the unit of the model: finds how deep
+    /// the others are, up to this. 0: no depths
+    #[arg(long, value_name = "DISTANCE", default_value = "0", allow_negative_numbers = true, value_parser = distance)]
+    tolerance: f64,
     /// List pairs of triangles, not of parts
     #[arg(long)]
     triangles: bool,
@@ -34,6 +40,9 @@ pub struct Args {
     /// Pairs of part ids that are not compared: a JSON file with a list of pairs, such as [[3, 7], [3, 8]]
     #[arg(long, value_name = "RULES.json")]
     rules: Option<PathBuf>,
+    /// List clashes in groups: those of a part, of two parts, or those whose boxes overlap
+    #[arg(long, value_name = "BY", value_parser = common::one_of(Grouping::ALL, Grouping::name))]
+    group: Option<Grouping>,
     /// An earlier output with --json: each clash is new or remains, and those that are gone are counted
     #[arg(long, value_name = "OLD.json")]
     against: Option<PathBuf>,
@@ -96,7 +105,9 @@ pub fn run(args: &Args) -> Outcome {
         scene.state().clash(&options, &progress, &cancel, &mut |clash| clashes.push(*clash))
     })?;
     bar.finish_and_clear();
-    let report = Report { models, clashes, summary, old };
+    let near = 0.5 * args.clearance + args.tolerance;
+    let groups = args.group.map(|by| (by, by.of(&clashes, near)));
+    let report = Report { models, clashes, summary, old, groups };
     if let Some(path) = &args.csv {
         std::fs::write(path, report.as_csv())
             .map_err(|e| outcrop::Error::io(path.display().to_string(), "write", e))?;
@@ -121,6 +132,7 @@ fn options_of(args: &Args) -> Result<ClashOptions, Failure> {
             ..ClashRules::default()
         },
         clearance: args.clearance,
+        tolerance: args.tolerance,
         detail: if args.triangles { ClashDetail::Triangles } else { ClashDetail::Parts },
         limit: args.limit,
     })
@@ -155,6 +167,7 @@ struct Report {
     clashes: Vec<Clash>,
     summary: ClashSummary,
     old: Option<BTreeSet<u64>>,
+    groups: Option<(Grouping, Vec<Group>)>,
 }
 
 impl Report {
@@ -189,6 +202,7 @@ impl Report {
                 "first": side(clash, 0), "second": side(clash, 1),
                 "points": clash.points.map(|p| p.to_array()),
                 "bounds": [clash.bounds.min.to_array(), clash.bounds.max.to_array()],
+                "normal": clash.normal.to_array(), "depth": clash.depth,
                 "distance": clash.distance, "error": clash.error, "count": clash.count,
                 "camera": {"eye": eye.to_array(), "at": at.to_array()},
             });
@@ -204,38 +218,77 @@ impl Report {
         if let Some(gone) = self.gone() {
             all["gone"] = gone.into();
         }
+        if let Some((by, groups)) = &self.groups {
+            let id = |i: &usize| format!("{:016x}", self.clashes[*i].id());
+            let group = |group: &Group| json!({"name": self.title(*by, group), "clashes": group.clashes.iter().map(id).collect::<Value>()});
+            all["groups"] = groups.iter().map(group).collect();
+        }
         all
+    }
+
+    /// The name of a group.
+    fn title(&self, by: Grouping, group: &Group) -> String {
+        let clashes = || group.clashes.iter().map(|&i| &self.clashes[i]);
+        let Some(first) = clashes().next() else { return String::new() };
+        let side = |k: usize| self.name(first.instances[k], first.parts[k]);
+        match (by, group.part) {
+            (_, Some([instance, part])) => self.name(instance, part).to_string(),
+            (Grouping::Near, _) => {
+                let bounds = clashes().fold(DBounds::EMPTY, |all, clash| all.union(clash.bounds));
+                let at = (bounds.min + bounds.max) * 0.5;
+                format!("at {:.6} {:.6} {:.6}", at.x, at.y, at.z)
+            }
+            _ => format!("{} and {}", side(0), side(1)),
+        }
     }
 
     fn as_csv(&self) -> String {
         let quoted = |text: &str| format!("\"{}\"", text.replace('"', "\"\""));
-        let mut text = "id,kind,part a,name a,part b,name b,x,y,z,distance,count\n".to_string();
+        let mut text = "id,kind,part a,name a,part b,name b,x,y,z,depth,distance,error,count\n".to_string();
         for c in &self.clashes {
             let [a, b] = [0, 1].map(|i| format!("{},{}", c.parts[i], quoted(self.name(c.instances[i], c.parts[i]))));
             let p = c.points[0];
             let (id, kind) = (c.id(), kind(c.kind));
-            text += &format!("{id:016x},{kind},{a},{b},{},{},{},{},{}\n", p.x, p.y, p.z, c.distance, c.count);
+            let Clash { depth, distance, error, count, .. } = c;
+            text += &format!("{id:016x},{kind},{a},{b},{},{},{},{depth},{distance},{error},{count}\n", p.x, p.y, p.z);
         }
         text
     }
 
-    fn as_text(&self) -> String {
-        let mut text = String::new();
-        for c in &self.clashes {
-            let [a, b] = [0, 1].map(|i| format!("{} {:?}", c.parts[i], self.name(c.instances[i], c.parts[i])));
-            let p = c.points[0];
-            text += &format!("{}\t{a}\t{b}\tat {:.6} {:.6} {:.6}", kind(c.kind), p.x, p.y, p.z);
-            text += &match c.kind {
-                ClashKind::Clearance => format!("\tdistance {}", c.distance),
-                _ if c.count > 0 => format!("\t{}", common::counted(c.count, "pair of triangles")),
-                _ => String::new(),
-            };
-            text += match self.is_new(c) {
-                Some(true) => "\tnew\n",
-                Some(false) => "\tremaining\n",
-                None => "\n",
-            };
+    /// The line of a clash.
+    fn line(&self, c: &Clash) -> String {
+        let [a, b] = [0, 1].map(|i| format!("{} {:?}", c.parts[i], self.name(c.instances[i], c.parts[i])));
+        let p = c.points[0];
+        let mut text = format!("{}\t{a}\t{b}\tat {:.6} {:.6} {:.6}", kind(c.kind), p.x, p.y, p.z);
+        if c.depth > 0.0 {
+            text += &format!("\tdepth {}", c.depth);
         }
+        text += &match c.kind {
+            ClashKind::Clearance => format!("\tdistance {}", c.distance),
+            _ if c.count > 0 => format!("\t{}", common::counted(c.count, "triangle pair")),
+            _ => String::new(),
+        };
+        text += match self.is_new(c) {
+            Some(true) => "\tnew\n",
+            Some(false) => "\tremaining\n",
+            None => "\n",
+        };
+        text
+    }
+
+    fn as_text(&self) -> String {
+        let mut text = match &self.groups {
+            None => self.clashes.iter().map(|clash| self.line(clash)).collect(),
+            Some((by, groups)) => {
+                let group = |group: &Group| {
+                    let count = common::counted_as(group.clashes.len() as u64, "clash", "clashes");
+                    let lines: String =
+                        group.clashes.iter().map(|&i| format!("  {}", self.line(&self.clashes[i]))).collect();
+                    format!("{}: {count}\n{lines}", self.title(*by, group))
+                };
+                groups.iter().map(group).collect::<String>()
+            }
+        };
         let open: BTreeSet<(u64, u64)> = self
             .clashes
             .iter()
@@ -251,7 +304,7 @@ impl Report {
             text += "there are more pairs of triangles: see --limit\n";
         }
         if let Some(gone) = self.gone() {
-            text += &format!("{} gone\n", common::counted(gone as u64, "clash"));
+            text += &format!("{} gone\n", common::counted_as(gone as u64, "clash", "clashes"));
         }
         text + &common::counted(self.summary.pairs, "pair") + " of parts"
     }
@@ -260,16 +313,20 @@ impl Report {
 fn kind(kind: ClashKind) -> &'static str {
     match kind {
         ClashKind::Crossing => "crossing",
+        ClashKind::Coplanar => "coplanar",
         ClashKind::Touching => "touching",
-        ClashKind::Contained => "contained",
         ClashKind::Clearance => "clearance",
+        ClashKind::Hard => "hard",
+        ClashKind::Piercing => "piercing",
+        ClashKind::Contained => "contained",
+        ClashKind::Duplicate => "duplicate",
     }
 }
 
 /// A camera that shows the place of a clash: its eye, and the point that it looks at.
 fn camera(clash: &Clash) -> (DVec3, DVec3) {
     let at = (clash.bounds.min + clash.bounds.max) * 0.5;
-    let size = (clash.bounds.max - clash.bounds.min).length().max(clash.distance);
+    let size = (clash.bounds.max - clash.bounds.min).length().max(clash.distance).max(clash.depth);
     let size = if size > 0.0 { size } else { at.abs().max_element().max(1.0) * 1e-2 };
     (at + DVec3::new(-0.6, -0.64, 0.48) * (3.0 * size), at)
 }

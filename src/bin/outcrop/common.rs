@@ -148,6 +148,11 @@ pub fn counted(n: u64, noun: &str) -> String {
     format!("{n} {noun}{}", if n == 1 { "" } else { "s" })
 }
 
+/// Returns a number with a noun whose plural has another ending.
+pub fn counted_as(n: u64, one: &str, several: &str) -> String {
+    format!("{n} {}", if n == 1 { one } else { several })
+}
+
 /// Returns the bytes per triangle as text, or "no triangles" for an empty model.
 pub fn each(bytes: u64, triangles: u64) -> String {
     match triangles {

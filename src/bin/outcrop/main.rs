@@ -9,6 +9,7 @@ mod bench;
 mod build;
 mod check;
 mod clash;
+mod clash_groups;
 mod common;
 mod crossings;
 mod export;

@@ -24,6 +24,18 @@ pub(super) struct Met {
     pub at: [(u32, Place); 2],
     pub relation: Relation,
     pub points: [DVec3; 2],
+    /// The unit normal of the first triangle; 0 if it has no area.
+    pub normal: DVec3,
+}
+
+/// A point at which two parts meet.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Contact {
+    pub relation: Relation,
+    /// The ends of the common segment of two triangles.
+    pub points: [DVec3; 2],
+    /// The unit normal of the triangle of the first part; 0 if it has no area.
+    pub normal: DVec3,
 }
 
 /// All that is known of a pair of parts.
@@ -32,8 +44,8 @@ pub(super) struct Facts {
     /// Numbers of pairs of triangles that cross, overlap in a plane, and touch. A pair that spatial splits put into
     /// several leaves counts several times.
     pub counts: [u64; 3],
-    /// The common point that is least by the strongest relation, then by x, y, z.
-    pub point: Option<(Relation, [DVec3; 2])>,
+    /// The one of the strongest relation that is least by x, y, z of its points, then of its normal.
+    pub contact: Option<Contact>,
     /// Bounds of all common points.
     pub bounds: DBounds,
     /// The nearest points of triangles that are apart: squared distance, bound of the rounding error of the distance, a
@@ -42,7 +54,7 @@ pub(super) struct Facts {
 }
 
 impl Facts {
-    const NONE: Self = Self { counts: [0; 3], point: None, bounds: DBounds::EMPTY, nearest: None };
+    const NONE: Self = Self { counts: [0; 3], contact: None, bounds: DBounds::EMPTY, nearest: None };
 
     /// True if triangles meet.
     pub fn meets(&self) -> bool {
@@ -52,21 +64,20 @@ impl Facts {
     fn merge(&mut self, other: &Self) {
         self.counts.iter_mut().zip(other.counts).for_each(|(own, other)| *own += other);
         self.bounds = self.bounds.union(other.bounds);
-        if let Some((relation, points)) = other.point {
-            self.meet(relation, points);
+        if let Some(contact) = other.contact {
+            self.meet(contact);
         }
         if let Some(nearest) = other.nearest {
             self.approach(nearest);
         }
     }
 
-    fn meet(&mut self, relation: Relation, points: [DVec3; 2]) {
-        let is_less = |of: &(Relation, [DVec3; 2])| {
-            let key = |of: &(Relation, [DVec3; 2])| (std::cmp::Reverse(of.0), of.1.map(|p| p.to_array()));
-            key(&(relation, points)).partial_cmp(&key(of)).is_some_and(|order| order.is_lt())
-        };
-        if self.point.as_ref().is_none_or(is_less) {
-            self.point = Some((relation, points));
+    fn meet(&mut self, contact: Contact) {
+        let key =
+            |of: &Contact| (std::cmp::Reverse(of.relation), of.points.map(|p| p.to_array()), of.normal.to_array());
+        let is_less = |of: &Contact| key(&contact).partial_cmp(&key(of)).is_some_and(|order| order.is_lt());
+        if self.contact.as_ref().is_none_or(is_less) {
+            self.contact = Some(contact);
         }
     }
 
@@ -127,6 +138,8 @@ pub(super) struct Meeting<'a> {
     placed: [&'a Placed; 2],
     sides: &'a [PairSide<'a>; 2],
     frames: &'a Frames,
+    /// -1 for a tree that is mirrored: its triangles turn the other way. Else 1.
+    turns: [f64; 2],
     found: &'a mut Found,
     /// The last pair of parts, and whether it is compared.
     last: Option<(PairKey, bool)>,
@@ -147,7 +160,8 @@ impl<'a> Meeting<'a> {
     ) -> Self {
         let placed = pair.map(|at| &task.scene.placement.placed[at as usize]);
         let selects = placed.iter().any(|p| task.scene.models[p.model as usize].local_parts(p.tree) > 1);
-        Self { task, pair, placed, sides, frames, found, last: None, members, selects }
+        let turns = placed.map(|p| p.frame().matrix3.determinant().signum());
+        Self { task, pair, placed, sides, frames, turns, found, last: None, members, selects }
     }
 
     /// The parts of two triangles, and true if that of the second comes first.
@@ -239,16 +253,18 @@ impl Meeting<'_> {
             Relation::Touching | Relation::Adjacent => 2,
         };
         let Some(points) = meeting(first, second).map(in_world) else { return };
+        let (of_first, turns) = if is_turned { (second, self.turns[1]) } else { (first, self.turns[0]) };
+        let normal = (of_first[1] - of_first[0]).cross(of_first[2] - of_first[0]).normalize_or_zero() * turns;
         let facts = self.found.facts.entry(parts).or_insert(Facts::NONE);
         facts.counts[at] += 1;
-        facts.meet(relation, points);
+        facts.meet(Contact { relation, points, normal });
         points.iter().for_each(|&p| facts.bounds = facts.bounds.union(DBounds { min: p, max: p }));
         if self.task.options.detail == ClashDetail::Triangles {
             let places = [self.sides[0].tree.prim_place(&a.hits[i]), self.sides[1].tree.prim_place(&b.hits[j])];
             if let [Some(x), Some(y)] = places {
                 let [x, y] = [(self.pair[0], x), (self.pair[1], y)];
                 let at = if is_turned { [y, x] } else { [x, y] };
-                self.found.met.push(Met { parts, at, relation, points });
+                self.found.met.push(Met { parts, at, relation, points, normal });
                 self.found.keep(self.task.options.limit, false);
             }
         }

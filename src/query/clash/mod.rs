@@ -4,12 +4,17 @@
 //! blocks in memory.
 
 mod contained;
+mod cut;
+mod depth;
+mod depths;
 mod facts;
 mod frame;
 mod ids;
 mod quest;
 mod sets;
+mod solid;
 mod task;
+mod through;
 
 use crate::base::error::{Error, Result};
 use crate::base::progress::{Cancel, Progress};
@@ -18,9 +23,13 @@ use crate::math::DBounds;
 use crate::query::hit::NONE;
 use crate::scene::SceneState;
 pub use crate::structure::pairs::PairCounters;
-use facts::{Facts, Found, PairKey};
+use depth::Reach;
+use depths::Depths;
+use facts::{Contact, Facts, Found, PairKey};
 use glam::DVec3;
+use quest::WALKS_SHARE;
 pub use sets::{ClashRules, PartSet};
+use std::collections::{BTreeMap, BTreeSet};
 use task::{PartKey, Task};
 
 /// The results of a clash query that are asked for.
@@ -38,14 +47,36 @@ pub enum ClashDetail {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(u32)]
 pub enum ClashKind {
-    /// Their surfaces cross, or overlap in a plane.
+    /// Their surfaces cross. How deep is not known: no tolerance is given, a part is not closed, or the triangles of
+    /// both do not fit the budget.
     Crossing = 1,
-    /// Their surfaces touch, and do not cross.
-    Touching = 2,
-    /// One part is inside of the other, which is closed; their surfaces have no point in common.
-    Contained = 3,
+    /// Their surfaces overlap in a plane, and do not cross. The parts may lie against each other, or in one another:
+    /// that is not known, for the same reasons.
+    Coplanar = 2,
+    /// Their surfaces have common points, and do not cross or overlap. With a tolerance: neither closed part reaches
+    /// deeper into the other than that.
+    Touching = 3,
     /// They are apart, and not farther from each other than the clearance.
     Clearance = 4,
+    /// Both are closed, and one reaches deeper into the other than the tolerance.
+    Hard = 5,
+    /// As [`Hard`](Self::Hard), and one goes through the other: its surface outside of the other is in several pieces.
+    Piercing = 6,
+    /// One part is inside of the other, which is closed. Without a tolerance, their surfaces have no point in common.
+    /// With one, it is deeper inside than that, and its surface is nowhere farther outside.
+    Contained = 7,
+    /// With a tolerance: both are closed, and each surface is nowhere farther from the other.
+    Duplicate = 8,
+}
+
+impl From<Relation> for ClashKind {
+    fn from(relation: Relation) -> Self {
+        match relation {
+            Relation::Crossing => Self::Crossing,
+            Relation::Coplanar => Self::Coplanar,
+            _ => Self::Touching,
+        }
+    }
 }
 
 /// Options of a clash query.
@@ -59,6 +90,9 @@ pub struct ClashOptions {
     pub rules: ClashRules,
     /// Distance in world units up to which parts that are apart clash; 0: parts that are apart do not clash.
     pub clearance: f64,
+    /// Distance in world units up to which closed parts that reach into each other touch, and up to which the depths
+    /// of others are found. 0: depths are not sought.
+    pub tolerance: f64,
     /// The results that are asked for.
     pub detail: ClashDetail,
     /// Greatest number of pairs of triangles that are returned.
@@ -72,6 +106,7 @@ impl Default for ClashOptions {
             b: None,
             rules: ClashRules::default(),
             clearance: 0.0,
+            tolerance: 0.0,
             detail: ClashDetail::default(),
             limit: 1 << 20,
         }
@@ -79,11 +114,12 @@ impl Default for ClashOptions {
 }
 
 impl ClashOptions {
-    /// Fails with `BadArgument` if a set is empty, or the clearance is negative or not finite.
+    /// Fails with `BadArgument` if a set is empty, or the clearance or tolerance is negative or not finite.
     pub fn check(&self) -> Result<()> {
-        if !(self.clearance >= 0.0 && self.clearance.is_finite()) {
-            let given = self.clearance;
-            return Err(Error::BadArgument(format!("the clearance is {given}; it must be finite and not negative")));
+        for (name, given) in [("clearance", self.clearance), ("tolerance", self.tolerance)] {
+            if !(given >= 0.0 && given.is_finite()) {
+                return Err(Error::BadArgument(format!("the {name} is {given}; it must be finite and not negative")));
+            }
         }
         if self.a.is_empty() || self.b.as_ref().is_some_and(PartSet::is_empty) {
             return Err(Error::bad_argument("a set of parts is empty"));
@@ -104,14 +140,21 @@ pub struct Clash {
     pub prims: [u64; 2],
     /// The way in which they clash.
     pub kind: ClashKind,
-    /// World space. Crossing and touching: the ends of the common segment of two triangles. Clearance: a point of each
-    /// part, nearest to each other. Contained: a corner of the part inside, twice.
+    /// World space. If there is a depth: the deepest point of a part in the other, and the point of the other's surface
+    /// nearest to it. Clearance: a point of each part, nearest to each other. Otherwise the ends of the common segment
+    /// of two triangles, or a corner of the part inside, twice.
     pub points: [DVec3; 2],
-    /// Distance between the parts; 0 if they have points in common.
+    /// The direction in which the second part moves away from the first, of length 1: between `points` if there is a
+    /// depth or distance, otherwise along the normal of a triangle there. Zero if none is known.
+    pub normal: DVec3,
+    /// The greatest distance from a point of a part's surface that is inside of the other part to the other's surface;
+    /// 0 if it is not known.
+    pub depth: f64,
+    /// Distance between the parts; 0 if they have points in common, or one is in the other.
     pub distance: f64,
-    /// Bound of the error of `distance`.
+    /// Bound of the error of `depth` or `distance`.
     pub error: f64,
-    /// Bounds of all common points; of `points` if there are none.
+    /// Bounds of all common points of the surfaces; of `points` if there are none.
     pub bounds: DBounds,
     /// Number of pairs of triangles that meet. Where spatial splits put triangles into several leaves, pairs of these
     /// are counted several times in a clash of parts.
@@ -158,7 +201,7 @@ impl SceneState {
     /// not compared with each other. Parts that meet in a corner or an edge touch.
     ///
     /// Blocks; may read the disk. Thread-safe. Fails with `BadArgument` for an empty set, for ids that the scene lacks,
-    /// and for a clearance that is negative or not finite; with `Cancelled`, and with the error of a disk read.
+    /// and for a clearance or tolerance that is negative or not finite; with `Cancelled`, and with the error of a disk read.
     pub fn clash(
         &self,
         options: &ClashOptions,
@@ -174,35 +217,52 @@ impl SceneState {
         let ids = ids::of_triangles(self, &found.met)?;
         let contained = contained::search(&task, &found)?;
         cancel.check()?;
-        Ok(hand_out(&task, found, &ids, &contained, take))
+        hand_out(&task, found, &ids, &contained, take)
     }
 }
 
-/// Hands out all clashes in order.
+/// Hands out all clashes in order, with the depths of some pairs of parts at a time.
 fn hand_out(
     task: &Task,
     found: Found,
     ids: &[[u64; 2]],
-    contained: &std::collections::BTreeMap<PairKey, DVec3>,
+    contained: &BTreeMap<PairKey, DVec3>,
     take: &mut dyn FnMut(&Clash),
-) -> ClashSummary {
+) -> Result<ClashSummary> {
     let mut summary = ClashSummary { is_cut: found.is_cut, steps: found.steps, ..ClashSummary::default() };
     let mut met: Vec<_> = found.met.iter().zip(ids).collect();
     met.sort_unstable_by_key(|(met, ids)| (met.parts, **ids));
     met.dedup_by_key(|(met, ids)| (met.parts, **ids));
     let mut met = met.into_iter().peekable();
-    let mut keys: Vec<PairKey> = found.facts.keys().chain(contained.keys()).copied().collect();
-    keys.sort_unstable();
-    keys.dedup();
+    let keys: BTreeSet<PairKey> = found.facts.keys().chain(contained.keys()).copied().collect();
+    let mut clashes: Vec<(PairKey, Clash)> = Vec::new();
     for key in keys {
-        let Some(clash) = of_parts(task, key, found.facts.get(&key), contained.get(&key)) else { continue };
+        let clash = of_parts(task, key, found.facts.get(&key), contained.get(&key));
+        clashes.extend(clash.map(|clash| (key, clash)));
+    }
+    let has_depth = |clash: &Clash| {
+        task.options.tolerance > 0.0 && clash.is_open == [false; 2] && clash.kind != ClashKind::Clearance
+    };
+    let deep: Vec<PairKey> = clashes.iter().filter(|(_, clash)| has_depth(clash)).map(|(key, _)| *key).collect();
+    let (mut depths, mut reaches, mut done) = (Depths::new(task), BTreeMap::new(), 0);
+    for (key, mut clash) in clashes {
+        if has_depth(&clash) {
+            if !reaches.contains_key(&key) {
+                let now = &deep[done..done + depths.count(&deep[done..])];
+                reaches = now.iter().copied().zip(depths.of(now)?).collect();
+                done += now.len();
+                task.progress.advance(WALKS_SHARE + (1.0 - WALKS_SHARE) * done as f64 / deep.len() as f64);
+            }
+            if let Some(Some(reach)) = reaches.get(&key) {
+                clash.add_depth(reach, task.options.tolerance);
+            }
+        }
         summary.pairs += 1;
         let mut has_triangles = false;
         while let Some((of, prims)) = met.next_if(|(met, _)| met.parts == key) {
-            let kind = if of.relation >= Relation::Coplanar { ClashKind::Crossing } else { ClashKind::Touching };
             let [a, b] = of.points;
-            let bounds = DBounds { min: a.min(b), max: a.max(b) };
-            let one = Clash { prims: *prims, kind, points: of.points, bounds, count: 1, ..clash };
+            let (kind, bounds) = (of.relation.into(), DBounds { min: a.min(b), max: a.max(b) });
+            let one = Clash { prims: *prims, kind, points: of.points, normal: of.normal, bounds, count: 1, ..clash };
             (summary.clashes, has_triangles) = (summary.clashes + 1, true);
             take(&task.in_order(key, one));
         }
@@ -211,10 +271,10 @@ fn hand_out(
             take(&task.in_order(key, clash));
         }
     }
-    summary
+    Ok(summary)
 }
 
-/// The clash of a pair of parts; `None` if they do not clash.
+/// The clash of a pair of parts, without its depth; `None` if they do not clash.
 fn of_parts(task: &Task, key: PairKey, facts: Option<&Facts>, inside: Option<&DVec3>) -> Option<Clash> {
     let info = key.map(|[instance, part]| {
         let it = &task.scene.instances[instance as usize];
@@ -227,26 +287,54 @@ fn of_parts(task: &Task, key: PairKey, facts: Option<&Facts>, inside: Option<&DV
         prims: [NONE; 2],
         kind: ClashKind::Crossing,
         points: [DVec3::ZERO; 2],
+        normal: DVec3::ZERO,
+        depth: 0.0,
         distance: 0.0,
         error: 0.0,
         bounds: DBounds::EMPTY,
         count: 0,
         is_open: info.map(|it| it.2),
     };
-    let around = |[a, b]: [DVec3; 2]| DBounds { min: a.min(b), max: a.max(b) };
-    if let Some((relation, points)) = facts.and_then(|facts| facts.point) {
-        let facts = facts?;
-        let kind = if relation >= Relation::Coplanar { ClashKind::Crossing } else { ClashKind::Touching };
-        return Some(Clash { kind, points, bounds: facts.bounds, count: facts.counts.iter().sum(), ..clash });
+    if let Some(facts) = facts
+        && let Some(Contact { relation, points, normal }) = facts.contact
+    {
+        let (kind, count) = (relation.into(), facts.counts.iter().sum());
+        return Some(Clash { kind, points, normal, bounds: facts.bounds, count, ..clash });
     }
     if let Some(&corner) = inside {
-        let points = [corner; 2];
-        return Some(Clash { kind: ClashKind::Contained, points, bounds: around(points), ..clash });
+        return Some(Clash { kind: ClashKind::Contained, points: [corner; 2], ..clash }.bounded());
     }
     let (squared, error, points) = facts?.nearest?;
     let distance = squared.sqrt();
+    let normal = (points[1] - points[0]).normalize_or_zero();
     let is_near = distance - error <= task.options.clearance;
-    is_near.then(|| Clash { kind: ClashKind::Clearance, points, distance, error, bounds: around(points), ..clash })
+    is_near.then(|| Clash { kind: ClashKind::Clearance, points, normal, distance, error, ..clash }.bounded())
+}
+
+impl Clash {
+    /// With the bounds of its points.
+    fn bounded(self) -> Self {
+        let [a, b] = self.points;
+        Self { bounds: DBounds { min: a.min(b), max: a.max(b) }, ..self }
+    }
+
+    fn add_depth(&mut self, reach: &Reach, tolerance: f64) {
+        (self.depth, self.error) = (reach.depth, reach.error);
+        self.kind = match (reach.depth > tolerance, reach.is_outside, reach.goes_through) {
+            (false, [false, false], _) => ClashKind::Duplicate,
+            (false, ..) => ClashKind::Touching,
+            (true, [true, true], false) => ClashKind::Hard,
+            (true, [true, true], true) => ClashKind::Piercing,
+            (true, ..) => ClashKind::Contained,
+        };
+        if reach.depth > 0.0 {
+            self.points = reach.points;
+            self.normal = (reach.points[0] - reach.points[1]).normalize_or(self.normal);
+        }
+        if self.count == 0 {
+            *self = self.bounded();
+        }
+    }
 }
 
 impl Task<'_> {
@@ -261,6 +349,7 @@ impl Task<'_> {
             parts: turn(clash.parts),
             prims: turn(clash.prims),
             points: [clash.points[1], clash.points[0]],
+            normal: -clash.normal,
             is_open: [clash.is_open[1], clash.is_open[0]],
             ..clash
         }

@@ -17,7 +17,7 @@ use std::sync::{Mutex, PoisonError};
 /// Number of walks that work is divided into, if blocks are in memory: enough for all threads.
 const WALKS: usize = 512;
 /// Share of the walks in the progress of a query.
-const WALKS_SHARE: f64 = 0.9;
+pub(super) const WALKS_SHARE: f64 = 0.9;
 
 /// Walks through pairs of placed trees. Each is two indices of placed trees, the first not above the second.
 pub(super) fn search(task: &Task, pairs: &[[u32; 2]]) -> Result<Found> {

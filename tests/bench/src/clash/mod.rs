@@ -66,7 +66,7 @@ impl Search {
         let mut pairs = Vec::new();
         let options = self.options(ClashDetail::Triangles);
         state.clash(&options, &Progress::default(), &Cancel::new(), &mut |clash| {
-            if matches!(clash.kind, ClashKind::Crossing | ClashKind::Touching) {
+            if clash.kind <= ClashKind::Touching {
                 let id = |k: usize| (each as u64 * (clash.instances[k] - 1) + clash.prims[k]) as u32;
                 pairs.push([id(0).min(id(1)), id(0).max(id(1))]);
             }
