@@ -57,7 +57,7 @@ impl Lot {
         }
     };
 
-    /// The same as [`Lot::new`], of up to eight triangles whose corners and boxes are at hand by lanes. Lanes behind the
+    /// The same as [`Lot::new`], of up to eight triangles whose corners and boxes are given by lanes. Lanes behind the
     /// last triangle may hold anything.
     #[inline(always)]
     pub fn of_lanes(triangles: &[[DVec3; 3]], at: &Eight, [low, high]: &[[[f64; LANES]; 3]; 2]) -> Self {
