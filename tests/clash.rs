@@ -266,6 +266,59 @@ fn rules_skip_pairs() {
     assert_eq!(pairs(ClashRules { pairs: vec![[2, 1]], ..ClashRules::default() }), all - 2 - 2);
 }
 
+/// Searches leave out pairs of places whose parts are not compared. More parts than the bits by which nodes know them:
+/// each search finds exactly those clashes of a search for all whose parts it compares.
+#[test]
+fn sets_and_rules_only_leave_out() {
+    let parts = || {
+        let mut rng = Rng::new(47);
+        (0..70)
+            .map(|id| {
+                let at = DVec3::new(rng.between(-0.7, 0.7), rng.between(-0.7, 0.7), rng.between(-0.7, 0.7));
+                let tris = soup(&mut rng, 60, 0.15, 0.3).iter().map(|t| t.map(|v| rounded(v + at))).collect();
+                Part::white(id, tris)
+            })
+            .collect::<Vec<_>>()
+    };
+    let turned = DAffine3::from_rotation_translation(DQuat::from_rotation_y(0.4), DVec3::new(0.1, 0.2, -0.1));
+    let scene = world(vec![(parts(), vec![DAffine3::IDENTITY, turned])], 2);
+    let detail = ClashDetail::Triangles;
+    let ask = |options: ClashOptions| {
+        let (clashes, summary) = scene.clash(&ClashOptions { detail, clearance: 0.01, ..options });
+        let mut key: Vec<_> = clashes
+            .iter()
+            .map(|c| {
+                let side = |k: usize| (c.instances[k], c.parts[k], c.prims[k]);
+                (side(0).min(side(1)), side(0).max(side(1)), c.kind, c.distance.to_bits(), c.count)
+            })
+            .collect();
+        key.sort_unstable();
+        (key, summary.steps)
+    };
+    let (all, all_steps) = ask(ClashOptions::default());
+    assert!(all.len() > 10_000, "{}", all.len());
+    let set = |parts: &[u64]| {
+        let mut set = PartSet::default();
+        parts.iter().for_each(|part| set.add_part(Some(100), *part));
+        set
+    };
+    let has = |parts: &[u64], side: &(u64, u64, u64)| side.0 == 100 && parts.contains(&side.1);
+    // Parts 3 and 35 have one bit, as have 1 and 65.
+    for (a, b) in [(vec![3], vec![34, 35, 36, 65, 67]), (vec![1, 2, 3, 33], vec![65, 66]), (vec![5], (0..70).collect())]
+    {
+        let expected: Vec<_> =
+            all.iter().filter(|c| has(&a, &c.0) && has(&b, &c.1) || has(&a, &c.1) && has(&b, &c.0)).copied().collect();
+        let (found, steps) = ask(ClashOptions { a: set(&a), b: Some(set(&b)), ..ClashOptions::default() });
+        assert!(!expected.is_empty());
+        assert_eq!(found, expected, "{a:?} {b:?}");
+        assert!(steps.triangles * 4 < all_steps.triangles, "{steps:?} of {all_steps:?}");
+    }
+    let rules = ClashRules { pairs: vec![[3, 35], [4, 5]], same_instance: true, ..ClashRules::default() };
+    let is_skipped = |c: &(u64, u64)| [(3, 35), (35, 3), (4, 5), (5, 4)].contains(c);
+    let expected: Vec<_> = all.iter().filter(|c| c.0.0 != c.1.0 && !is_skipped(&(c.0.1, c.1.1))).copied().collect();
+    assert_eq!(ask(ClashOptions { rules, ..ClashOptions::default() }).0, expected);
+}
+
 #[test]
 fn bad_sets_and_clearances_are_refused() {
     let one = world(vec![(vec![Part::white(1, cuboid(DVec3::ZERO, DVec3::ONE))], vec![DAffine3::IDENTITY])], 0);

@@ -476,7 +476,7 @@ pub unsafe extern "C" fn oc_job_clash_summary(job: *const oc_job, out_summary: *
     boundary(|| unsafe {
         let fill = Fill::new(out_summary)?;
         handles::with(job, |job| {
-            let ClashSummary { clashes, pairs, is_cut } = product(job, "summary of clashes")?;
+            let ClashSummary { clashes, pairs, is_cut, .. } = product(job, "summary of clashes")?;
             fill.with(oc_clash_summary { struct_size: 0, is_cut: u32::from(is_cut), clashes, pairs });
             Ok(())
         })

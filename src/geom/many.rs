@@ -37,12 +37,13 @@ pub struct Lot {
     count: usize,
 }
 
+/// Corners of eight triangles, by corner and axis.
+pub type Eight = [[[f64; LANES]; 3]; 3];
+
 impl Lot {
-    /// The first eight of `triangles`, or all if they are fewer.
-    pub fn new(triangles: &[[DVec3; 3]]) -> Self {
+    const EMPTY: Self = {
         const NONE: Lanes = [[0.0; 4]; HALVES];
-        let count = triangles.len().min(LANES);
-        let mut lot = Self {
+        Self {
             corners: [[NONE; 3]; 3],
             normals: [NONE; 3],
             offsets: NONE,
@@ -52,8 +53,68 @@ impl Lot {
             reach: [0.0; 4],
             weight: [0.0; 4],
             triangles: [[DVec3::ZERO; 3]; LANES],
-            count,
-        };
+            count: 0,
+        }
+    };
+
+    /// The same as [`Lot::new`], of up to eight triangles whose corners and boxes are given by lanes. Lanes behind the
+    /// last triangle may hold anything.
+    #[inline(always)]
+    pub fn of_lanes(triangles: &[[DVec3; 3]], at: &Eight, [low, high]: &[[[f64; LANES]; 3]; 2]) -> Self {
+        let count = triangles.len().min(LANES);
+        let mut lot = Self { count, ..Self::EMPTY };
+        lot.triangles[..count].copy_from_slice(&triangles[..count]);
+        // Of lanes behind the last: nothing.
+        let of = |i: usize, x: f64| if i < count { x } else { 0.0 };
+        for axis in 0..3 {
+            let (mut least, mut greatest) = (f64::INFINITY, f64::NEG_INFINITY);
+            for i in 0..count {
+                (least, greatest) = (least.min(low[axis][i]), greatest.max(high[axis][i]));
+            }
+            let middle = if count > 0 { least * 0.5 + greatest * 0.5 } else { 0.0 };
+            let (lows, highs) = (lot.low[axis].as_flattened_mut(), lot.high[axis].as_flattened_mut());
+            for i in 0..LANES {
+                (lows[i], highs[i]) = (of(i, low[axis][i]), of(i, high[axis][i]));
+            }
+            let mut reach = 0.0f64;
+            for (out, at) in lot.corners.iter_mut().zip(at) {
+                let out = out[axis].as_flattened_mut();
+                for i in 0..LANES {
+                    out[i] = of(i, at[axis][i] - middle);
+                    reach = if out[i].abs() > reach { out[i].abs() } else { reach };
+                }
+            }
+            (lot.middle[axis], lot.reach[axis]) = (middle, reach);
+        }
+        for axis in 0..3 {
+            let (y, z) = ((axis + 1) % 3, (axis + 2) % 3);
+            let out = lot.normals[axis].as_flattened_mut();
+            let mut weight = 0.0f64;
+            for i in 0..LANES {
+                let u = [at[1][y][i] - at[0][y][i], at[1][z][i] - at[0][z][i]];
+                let v = [at[2][y][i] - at[0][y][i], at[2][z][i] - at[0][z][i]];
+                let (first, second) = (u[0] * v[1], u[1] * v[0]);
+                out[i] = of(i, first - second);
+                let own = of(i, first.abs() + second.abs());
+                weight = if own > weight { own } else { weight };
+            }
+            lot.weight[axis] = weight;
+        }
+        let [x, y, z] = &lot.corners[0];
+        let [nx, ny, nz] = &lot.normals;
+        for half in 0..HALVES {
+            for i in 0..4 {
+                lot.offsets[half][i] =
+                    -(nx[half][i] * x[half][i] + ny[half][i] * y[half][i] + nz[half][i] * z[half][i]);
+            }
+        }
+        lot
+    }
+
+    /// The first eight of `triangles`, or all if they are fewer.
+    pub fn new(triangles: &[[DVec3; 3]]) -> Self {
+        let count = triangles.len().min(LANES);
+        let mut lot = Self { count, ..Self::EMPTY };
         lot.triangles[..count].copy_from_slice(&triangles[..count]);
         let (mut least, mut greatest) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         for (lane, [a, b, c]) in triangles.iter().take(LANES).enumerate() {
@@ -131,14 +192,16 @@ pub struct Sifted {
     pub crossing: u32,
 }
 
-/// Decides what rounded arithmetic can.
+/// Decides what rounded arithmetic can of the lanes in `among`.
 #[inline(always)]
-pub fn sift<S: Simd>(s: S, one: &One, lot: &Lot) -> Sifted {
-    let all = (1 << lot.count) - 1;
+pub fn sift<S: Simd>(s: S, one: &One, lot: &Lot, among: u32) -> Sifted {
+    let all = among & ((1 << lot.count) - 1);
     let mut apart = beside(s, one, lot);
     if apart & all == all {
         return Sifted { apart: all, crossing: 0 };
     }
+    // The others need no work.
+    apart |= !all;
     // Axes by lanes.
     let middle = s.load_d4(&lot.middle);
     let [a, b, c] = [s.load_d4(&one.corners[0]), s.load_d4(&one.corners[1]), s.load_d4(&one.corners[2])];
@@ -308,7 +371,7 @@ impl Op for Sift<'_> {
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
         for (lot, out) in self.lots.iter().zip(self.out) {
-            *out = sift(s, self.one, lot);
+            *out = sift(s, self.one, lot, u32::MAX);
         }
     }
 }
@@ -365,6 +428,23 @@ mod tests {
         (0..count).map(|i| through(at(i, vector().x + 0.5), vector(), vector())).collect()
     }
 
+    /// Of lanes, some of which hold no triangle.
+    #[test]
+    fn lots_of_lanes_are_lots_of_triangles() {
+        let mut random = Random(2);
+        for round in 0..2000 {
+            let count = random.below(LANES as u64 + 1) as usize;
+            let all = triangles(&mut random, [0, 1, 3][round % 3], count);
+            let lane = |i: usize| if i < count { all[i] } else { [DVec3::splat(f64::NAN); 3] };
+            let at: Eight = [0, 1, 2].map(|c| [0, 1, 2].map(|axis| std::array::from_fn(|i| lane(i)[c][axis])));
+            let ends = [f64::min as fn(f64, f64) -> f64, f64::max].map(|end| {
+                [0, 1, 2].map(|axis| std::array::from_fn(|i| end(end(at[0][axis][i], at[1][axis][i]), at[2][axis][i])))
+            });
+            let (own, expected) = (Lot::of_lanes(&all, &at, &ends), Lot::new(&all));
+            assert_eq!(format!("{own:?}").replace("-0.0", "0.0"), format!("{expected:?}").replace("-0.0", "0.0"));
+        }
+    }
+
     #[test]
     fn many_are_as_one_by_one() {
         let mut random = Random(1);
@@ -386,7 +466,7 @@ mod tests {
             }
             // The filter is never wrong, and decides general cases.
             for (i, lot) in lots.iter().enumerate() {
-                let sifted = sift(Portable::new(), &One::new(&one), lot);
+                let sifted = sift(Portable::new(), &One::new(&one), lot, u32::MAX);
                 for lane in 0..lot.count {
                     let relation = relate(&one, &others[i * LANES + lane]);
                     assert!(sifted.apart >> lane & 1 == 0 || relation == Relation::Apart);

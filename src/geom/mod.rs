@@ -16,6 +16,6 @@ mod pairs_tests;
 
 pub use crossing::{Line, Side};
 pub use distances::{Between, Nearest, distance_bounds, point_triangle, segment_segment, triangle_triangle};
-pub use many::{Lot, One, Sifted, relate_many, sift};
+pub use many::{Eight, Lot, One, Sifted, relate_many, sift};
 pub use pairs::{Relation, meeting, relate};
 pub use watertight::{Shear, TriangleHit};

@@ -4,9 +4,9 @@
 //! that reject hits), `place` and `cursor` (descent through a tree of any structure), `walk`, `packet` and `stream`
 //! (the state of rays), `tree` (one enum over all structures: rays in, hits out), `open` (from a file to its trees, and
 //! the decoder for residency), `nodes` (nodes by their places, for programs that walk trees by themselves), `bake`
-//! (triangles in, blocks out), `pairs` (walks through pairs of trees), `eight` (children
-//! and triangles by lanes), `nearest` (distances from a point to them), `streams` (per-triangle numbers in blocks of
-//! their own), `fallback` (packets and streams for a structure that traces single rays only).
+//! (triangles in, blocks out), `pairs` (walks through pairs of trees), `rows` (children and triangles of a place, eight
+//! at a time), `eight` (the same for distances), `nearest` (distances from a point to them), `streams` (per-triangle
+//! numbers in blocks of their own), `fallback` (packets and streams for a structure that traces single rays only).
 //!
 //! Each structure is a folder with three main modules: `build` (triangles in, blocks out), `layout` (the bytes of a
 //! block, shared by baking and tracing) and `trace` (rays in, hits out). A new structure needs such a folder, a variant
@@ -28,6 +28,7 @@ pub mod hit;
 pub mod nearest;
 pub mod nodes;
 pub mod open;
+mod opened;
 pub mod packet;
 mod packet_boxes;
 mod packet_prepare;
@@ -39,6 +40,7 @@ mod prepared;
 pub mod ray;
 mod rays16;
 pub mod resident;
+pub mod rows;
 pub mod stream;
 pub mod streams;
 pub mod surface;

@@ -20,6 +20,7 @@ use super::packet::PacketWalk;
 use super::place::{Place, Rooted};
 use super::resident::Resident;
 use super::resident::trace::Both;
+use super::rows::Rows;
 use super::stream::{Rays16, Stream};
 use super::surface::Surfaces;
 use super::walk::Walk;
@@ -355,6 +356,18 @@ impl<'a> Tree<'a> {
             Blocks::Bvh(own) => own.eights(place, out, &mut each),
             #[cfg(any(test, feature = "brute"))]
             Blocks::Brute(own) => super::eight::eights_of(|below| own.expand(place, below), out, &mut each),
+        }
+    }
+
+    /// Fills `rows` with the children or triangles below a place; with `parts` also what is known of the parts below
+    /// each child. Returns false if the structure has no rows: [`Tree::expand`] lists them. Fails with the block of the
+    /// place if that is not in memory. Counts as a use of the block.
+    #[inline]
+    pub fn rows(&self, place: Place, parts: bool, rows: &mut Rows) -> Result<bool, BlockId> {
+        match &self.blocks {
+            Blocks::Bvh(own) => own.rows(place, parts, rows).map(|()| true),
+            #[cfg(any(test, feature = "brute"))]
+            Blocks::Brute(_) => Ok(false),
         }
     }
 

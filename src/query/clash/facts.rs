@@ -9,7 +9,7 @@ use crate::geom::pairs::{Relation, meeting, relate};
 use crate::math::{DBounds, bits};
 use crate::scene::placed::Placed;
 use crate::structure::Place;
-use crate::structure::pairs::{Near, PairLeaf, PairSide, PairVisit};
+use crate::structure::pairs::{Near, PairCounters, PairLeaf, PairSide, PairVisit, PartsBelow};
 use glam::DVec3;
 use std::collections::BTreeMap;
 
@@ -97,6 +97,8 @@ pub(super) struct Found {
     pub met: Vec<Met>,
     /// True if pairs of triangles were left out of `met`, because there are more than the limit.
     pub is_cut: bool,
+    /// Steps of the walks.
+    pub steps: PairCounters,
 }
 
 impl Found {
@@ -106,6 +108,7 @@ impl Found {
         }
         self.met.extend(other.met);
         self.is_cut |= other.is_cut;
+        self.steps += other.steps;
         self.keep(limit, false);
     }
 
@@ -140,6 +143,10 @@ pub(super) struct Meeting<'a> {
     found: &'a mut Found,
     /// The last pair of parts, and whether it is compared.
     last: Option<(PairKey, bool)>,
+    /// The members of both sets among the parts of each tree, see [`Task::bits_of`].
+    members: [[u32; 2]; 2],
+    /// True if a tree has several parts.
+    selects: bool,
 }
 
 impl<'a> Meeting<'a> {
@@ -149,10 +156,12 @@ impl<'a> Meeting<'a> {
         sides: &'a [PairSide<'a>; 2],
         frames: &'a Frames,
         found: &'a mut Found,
+        members: [[u32; 2]; 2],
     ) -> Self {
         let placed = pair.map(|at| &task.scene.placement.placed[at as usize]);
+        let selects = placed.iter().any(|p| task.scene.models[p.model as usize].local_parts(p.tree) > 1);
         let turns = placed.map(|p| p.frame().matrix3.determinant().signum());
-        Self { task, pair, placed, sides, frames, turns, found, last: None }
+        Self { task, pair, placed, sides, frames, turns, found, last: None, members, selects }
     }
 
     /// The parts of two triangles, and true if that of the second comes first.
@@ -170,16 +179,24 @@ fn each(at: usize, mask: u32) -> impl Iterator<Item = (u32, usize)> {
 }
 
 impl PairVisit for Meeting<'_> {
+    fn selects(&self) -> bool {
+        self.selects
+    }
+
+    fn may_want(&mut self, a: &PartsBelow, b: &PartsBelow) -> bool {
+        if let (Some(x), Some(y)) = (a.one(), b.one()) {
+            let key = |placed: &Placed, part: u32| [placed.instance, placed.first_part.saturating_add(part)];
+            return self.wants(key(self.placed[0], x), key(self.placed[1], y));
+        }
+        let [[a_first, a_second], [b_first, b_second]] = self.members;
+        a.bits & a_first != 0 && b.bits & b_second != 0 || a.bits & a_second != 0 && b.bits & b_first != 0
+    }
+
     fn wanted(&mut self, near: &Near) -> u32 {
         let mut wanted = 0;
         for (bit, j) in each(near.b.1, near.mask) {
             let (parts, _) = self.parts(near.a, (near.b.0, j));
-            let is_wanted = match self.last {
-                Some((last, is_wanted)) if last == parts => is_wanted,
-                _ => self.task.wants(parts[0], parts[1]),
-            };
-            self.last = Some((parts, is_wanted));
-            wanted |= if is_wanted { bit } else { 0 };
+            wanted |= if self.wants(parts[0], parts[1]) { bit } else { 0 };
         }
         wanted
     }
@@ -199,6 +216,19 @@ impl PairVisit for Meeting<'_> {
 }
 
 impl Meeting<'_> {
+    /// [`Task::wants`]; it remembers the last answer.
+    #[inline]
+    fn wants(&mut self, x: PartKey, y: PartKey) -> bool {
+        match self.last {
+            Some((last, is_wanted)) if last == [x, y] => is_wanted,
+            _ => {
+                let is_wanted = self.task.wants(x, y);
+                self.last = Some(([x, y], is_wanted));
+                is_wanted
+            }
+        }
+    }
+
     /// Compares two triangles, whose relation may be known.
     fn compare(&mut self, (a, i): (&PairLeaf, usize), (b, j): (&PairLeaf, usize), known: Option<Relation>) {
         let (parts, is_turned) = self.parts((a, i), (b, j));

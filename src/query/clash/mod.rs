@@ -22,6 +22,7 @@ use crate::geom::pairs::Relation;
 use crate::math::DBounds;
 use crate::query::hit::NONE;
 use crate::scene::SceneState;
+pub use crate::structure::pairs::PairCounters;
 use depth::Reach;
 use depths::Depths;
 use facts::{Contact, Facts, Found, PairKey};
@@ -188,6 +189,8 @@ pub struct ClashSummary {
     pub pairs: u64,
     /// True if pairs of triangles were left out, because there are more than the limit.
     pub is_cut: bool,
+    /// Steps of the search. They depend on neither threads nor the blocks in memory.
+    pub steps: PairCounters,
 }
 
 impl SceneState {
@@ -226,7 +229,7 @@ fn hand_out(
     contained: &BTreeMap<PairKey, DVec3>,
     take: &mut dyn FnMut(&Clash),
 ) -> Result<ClashSummary> {
-    let mut summary = ClashSummary { is_cut: found.is_cut, ..ClashSummary::default() };
+    let mut summary = ClashSummary { is_cut: found.is_cut, steps: found.steps, ..ClashSummary::default() };
     let mut met: Vec<_> = found.met.iter().zip(ids).collect();
     met.sort_unstable_by_key(|(met, ids)| (met.parts, **ids));
     met.dedup_by_key(|(met, ids)| (met.parts, **ids));

@@ -9,7 +9,7 @@ use crate::base::error::Result;
 use crate::base::ids::BlockId;
 use crate::scene::SceneState;
 use crate::scene::walk::{Need, SceneView, Snapshots};
-use crate::structure::pairs::{PairDescent, PairSide, PairWalk};
+use crate::structure::pairs::{PairCounters, PairDescent, PairSide, PairWalk};
 use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::{Mutex, PoisonError};
@@ -23,7 +23,7 @@ pub(super) const WALKS_SHARE: f64 = 0.9;
 pub(super) fn search(task: &Task, pairs: &[[u32; 2]]) -> Result<Found> {
     let scene = task.scene;
     let stamp = scene.context().residency().stamp();
-    let mut items = Vec::new();
+    let (mut items, mut steps) = (Vec::new(), PairCounters::default());
     {
         let snapshots = Snapshots::take(scene);
         let view = SceneView::new(scene, &snapshots, stamp);
@@ -31,21 +31,28 @@ pub(super) fn search(task: &Task, pairs: &[[u32; 2]]) -> Result<Found> {
         let mut walk = PairWalk::default();
         for &pair in pairs {
             let [a, b] = pair.map(|placed| view.tree(placed));
+            let members = pair.map(|at| task.bits_of(&scene.placement.placed[at as usize]));
             let mut descent = PairDescent::new(&a, &b, pair[0] == pair[1]);
             if each > 1 {
                 let frames = frames(task, pair);
                 let sides = [PairSide { tree: a, frame: &frames.of[0] }, PairSide { tree: b, frame: &frames.of[1] }];
                 walk.clear();
-                descent.widen([&sides[0], &sides[1]], each, &mut walk);
+                // Pairs of leaves stay: nothing is found.
+                let mut found = Found::default();
+                let mut meeting = Meeting::new(task, pair, &sides, &frames, &mut found, members);
+                descent.widen([&sides[0], &sides[1]], each, &mut walk, &mut meeting);
             }
-            items.extend(descent.split(each).into_iter().map(|descent| Piece::new(pair, descent)));
+            steps += std::mem::take(&mut walk.counters);
+            items.extend(descent.split(each).into_iter().map(|descent| Piece::new(pair, members, descent)));
         }
     }
     let count = items.len();
     let items = items.into_iter().map(|piece| Mutex::new(Some(piece))).collect();
     let rounds = Rounds::new(Walks { task, items, stamp, found: Mutex::default(), done: AtomicU64::new(0) });
     scene.context().pool().run_scoped(count, &rounds).into_result()?;
-    Ok(rounds.quest.found.into_inner().unwrap_or_else(PoisonError::into_inner))
+    let mut found = rounds.quest.found.into_inner().unwrap_or_else(PoisonError::into_inner);
+    found.steps += steps;
+    Ok(found)
 }
 
 fn frames(task: &Task, pair: [u32; 2]) -> Frames {
@@ -65,14 +72,16 @@ struct Walks<'a> {
 /// The rest of a walk through a pair of placed trees.
 pub(super) struct Piece {
     pair: [u32; 2],
+    /// See [`Task::bits_of`].
+    members: [[u32; 2]; 2],
     models: [u32; 2],
     descent: PairDescent,
     found: Found,
 }
 
 impl Piece {
-    fn new(pair: [u32; 2], descent: PairDescent) -> Self {
-        Self { pair, models: [0; 2], descent, found: Found::default() }
+    fn new(pair: [u32; 2], members: [[u32; 2]; 2], descent: PairDescent) -> Self {
+        Self { pair, members, models: [0; 2], descent, found: Found::default() }
     }
 
     /// The blocks that each remaining pair of places needs.
@@ -98,8 +107,10 @@ impl Walks<'_> {
         let context = task.scene.context();
         let mut walk = context.take_scratch::<PairWalk>();
         walk.clear();
-        let mut meeting = Meeting::new(task, piece.pair, &sides, &frames, &mut piece.found);
+        walk.counters = PairCounters::default();
+        let mut meeting = Meeting::new(task, piece.pair, &sides, &frames, &mut piece.found, piece.members);
         piece.descent.go_on([&sides[0], &sides[1]], &mut walk, &mut meeting);
+        piece.found.steps += walk.counters;
         context.give_scratch(walk);
         if piece.descent.is_done() {
             let found = std::mem::take(&mut piece.found);

@@ -1,6 +1,7 @@
 //! Sets of parts, and rules for pairs of parts that are not compared.
 
 use crate::base::error::{Error, Result};
+use crate::lod::summary_bit;
 use crate::scene::SceneState;
 use crate::scene::model::PartInfo;
 use std::collections::HashSet;
@@ -133,6 +134,20 @@ impl Members {
     }
 }
 
+impl Members {
+    /// The bits (`lod::summary_bit`) of the members among `count` parts of an instance from `first` on, as parts of
+    /// their tree.
+    pub fn bits(&self, instance: u32, first: u32, count: u32) -> u32 {
+        match &self.0[instance as usize] {
+            Of::None => 0,
+            Of::All => u32::MAX,
+            Of::Some(_) => (0..count)
+                .filter(|part| self.has(instance, first.saturating_add(*part)))
+                .fold(0, |all, part| all | summary_bit(part)),
+        }
+    }
+}
+
 impl Of {
     fn add(&mut self, bits: &[u64]) {
         match self {
@@ -167,6 +182,9 @@ impl<'a> Rules<'a> {
     /// True if two parts, each given by the indices of instance and part, are not compared.
     pub fn skips(&self, a: [u32; 2], b: [u32; 2]) -> bool {
         let ClashRules { same_model, same_instance, same_parent, same_material, .. } = *self.rules;
+        if !(same_model || same_instance || same_parent || same_material) && self.pairs.is_empty() {
+            return false;
+        }
         let of = |at: [u32; 2]| {
             let model = self.scene.instances[at[0] as usize].model;
             (model, self.scene.models[model as usize].parts())

@@ -69,6 +69,12 @@ impl<'a> Task<'a> {
         (self.a.has(x[0], x[1]) || self.b().has(x[0], x[1])) && self.is_shown(x)
     }
 
+    /// The members of both sets among the parts of a placed tree, as bits of its local parts (`lod::summary_bit`).
+    pub fn bits_of(&self, placed: &Placed) -> [u32; 2] {
+        let count = self.scene.models[placed.model as usize].local_parts(placed.tree);
+        [&self.a, self.b()].map(|set| set.bits(placed.instance, placed.first_part, count))
+    }
+
     fn is_shown(&self, [instance, part]: PartKey) -> bool {
         let it = &self.scene.instances[instance as usize];
         it.look.visible && !it.parts.looks.hides(part)
@@ -89,7 +95,13 @@ impl<'a> Task<'a> {
             .collect();
         let mut pairs = Vec::new();
         near_pairs(placed.iter().map(|p| p.bounds), &may, self.options.clearance, |x, y| {
-            if x != y || count(&placed[x]) > 1 {
+            // The pair of parts decides where each tree has one.
+            let part = |p: &Placed| (count(p) == 1).then_some([p.instance, p.first_part]);
+            let is_wanted = match (part(&placed[x]), part(&placed[y])) {
+                (Some(a), Some(b)) => self.wants(a, b),
+                _ => true,
+            };
+            if is_wanted {
                 pairs.push([x.min(y) as u32, x.max(y) as u32]);
             }
         });

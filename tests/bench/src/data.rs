@@ -168,6 +168,12 @@ pub struct Benchmark {
     /// "cold"`. By default opening reads coarse blocks, and the rest is read in the background if it fits.
     #[serde(default)]
     pub on_demand: bool,
+    /// Radians by which a second instance is turned about the vertical through the model's middle, for `measure =
+    /// "clash"`: triangles of both are compared. By default those of different parts are.
+    pub turn: Option<f64>,
+    /// Shares of the model's bytes that are budgets of searches out of core, for `measure = "clash"`: 8 is an eighth.
+    #[serde(default)]
+    pub budget_shares: Vec<u64>,
     /// Only with `FULL=1`: it takes long, or much memory.
     #[serde(default)]
     pub full: bool,
@@ -195,6 +201,8 @@ pub enum Measure {
     Decode,
     /// CPU time of exact pictures in one thread, in each setting alone and in all together, beside Embree.
     Settings,
+    /// Time of finding all pairs of triangles of two instances, or of different parts, that meet.
+    Clash,
 }
 
 /// What is traced.
@@ -439,6 +447,9 @@ impl Benchmark {
             Measure::Build if self.structures.is_empty() => fault("builds take structures".into()),
             Measure::Settings if self.structures.len() != 1 || self.views.len() != 1 || self.threads != [1] => {
                 fault("settings take one structure, one view and one thread".into())
+            }
+            Measure::Clash if self.structures.len() != 1 || self.budget_shares.contains(&0) => {
+                fault("clashes take one structure, and shares of at least 1".into())
             }
             Measure::Decode if self.structures.is_empty() || self.threads != [1] => {
                 fault("decoding takes structures and one thread".into())

@@ -5,6 +5,7 @@ mod accuracy;
 mod assemblies;
 mod builds;
 mod charts;
+mod clash;
 mod cold;
 mod counted;
 #[path = "../../common/mod.rs"]
@@ -150,7 +151,7 @@ fn run(is_only_expecting: bool, clock: Clock, picks: impl Fn(&Benchmark, &str) -
     for benchmark in &data.benchmarks {
         for name in benchmark.scenes.iter().filter(|scene| picks(benchmark, scene)) {
             found += 1;
-            let is_of_a_thread = matches!(benchmark.measure, Measure::Trace | Measure::Settings);
+            let is_of_a_thread = matches!(benchmark.measure, Measure::Trace | Measure::Settings | Measure::Clash);
             if clock == Clock::Thread && !is_of_a_thread {
                 eprintln!("skipped: {}/{name} works in several threads", benchmark.name);
                 continue;
@@ -163,12 +164,13 @@ fn run(is_only_expecting: bool, clock: Clock, picks: impl Fn(&Benchmark, &str) -
                 Measure::Build => builds::measure(&mut task)?,
                 Measure::Decode => decode::measure(&mut task)?,
                 Measure::Settings => settings::measure(&mut task)?,
+                Measure::Clash => clash::measure(&mut task)?,
             };
             record::append(&record::path(), &records)?;
             all.extend(records);
         }
     }
-    print!("{}", settings::table(&all));
+    print!("{}{}", settings::table(&all), clash::table(&all));
     if found == 0 {
         return Err(Failure::new("no such benchmark or scene"));
     }

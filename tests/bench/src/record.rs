@@ -51,6 +51,7 @@ pub enum Outcomes {
     Build(Built),
     Decode(Decoded),
     Settings(Setting),
+    Clash(Clashed),
 }
 
 /// Time of tracing rays, or of a picture.
@@ -218,6 +219,36 @@ pub struct Setting {
     pub differ: Option<f64>,
     /// Mean difference of colours from Embree's, in levels of 255: normals between corners and dark fringes differ.
     pub levels: Option<f64>,
+}
+
+/// A search for all pairs of triangles that meet.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Clashed {
+    /// A structure of outcrop, or a peer.
+    pub side: String,
+    pub is_peer: bool,
+    /// What is asked for, or the peer's version and test.
+    pub call: String,
+    pub threads: usize,
+    /// Bytes; 0: all is in memory.
+    pub budget: u64,
+    pub seconds: Spread,
+    /// What it was paired with, and how many times as fast it is.
+    pub against: Option<Against>,
+    /// Pairs of triangles that meet.
+    pub pairs: usize,
+    /// Pairs that a peer finds which are apart by exact arithmetic, and pairs that it misses.
+    pub wrong: Option<[usize; 2]>,
+    /// Pairs of places of two trees.
+    pub places: Option<u64>,
+    /// Pairs of triangles whose boxes overlap.
+    pub tested: Option<u64>,
+    /// Seconds until it is known whether any pair meets.
+    pub first: Option<Spread>,
+    /// Blocks that a search reads if all of them can stay, and with the budget.
+    pub blocks: Option<[usize; 2]>,
+    /// Most bytes of the context's memory at one time.
+    pub bytes_most: Option<u64>,
 }
 
 /// Behind a commit that is not all of what was measured.

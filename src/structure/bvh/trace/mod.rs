@@ -18,6 +18,7 @@ mod packet_few;
 mod packet_leaf;
 mod packet_visit;
 mod proxies;
+mod rows;
 mod coverage;
 mod single;
 mod stand_in;

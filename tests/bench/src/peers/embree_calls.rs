@@ -5,10 +5,11 @@ use crate::placed::{Place, Placed};
 use crate::scenes::Mesh;
 use glam::DAffine3;
 use libloading::Library;
+use outcrop::math::Bounds;
 use std::ffi::{CString, c_char, c_int, c_uint, c_void};
 use std::ptr;
 use std::sync::atomic::{AtomicI64, Ordering::Relaxed};
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 /// `RTC_INVALID_GEOMETRY_ID`.
 pub const NONE: u32 = u32::MAX;
@@ -111,6 +112,9 @@ type Monitor = unsafe extern "C" fn(*mut c_void, isize, bool) -> bool;
 type One = unsafe extern "C" fn(Handle, *mut Context, *mut c_void);
 type Stream = unsafe extern "C" fn(Handle, *mut Context, *mut c_void, c_uint, usize);
 type Packet = unsafe extern "C" fn(*const c_int, Handle, *mut Context, *mut c_void);
+type Bounder = unsafe extern "C" fn(*const BoundsArguments);
+type Collided = unsafe extern "C" fn(*mut c_void, *const Collision, c_uint);
+type Collide = unsafe extern "C" fn(Handle, Handle, Collided, *mut c_void);
 type SharedBuffer = unsafe extern "C" fn(Handle, c_uint, c_uint, c_uint, *const c_void, usize, usize, usize);
 
 macro_rules! calls {
@@ -158,6 +162,10 @@ calls! {
     release_geometry, b"rtcReleaseGeometry\0", unsafe extern "C" fn(Handle);
     set_instanced_scene, b"rtcSetGeometryInstancedScene\0", unsafe extern "C" fn(Handle, Handle);
     set_transform, b"rtcSetGeometryTransform\0", unsafe extern "C" fn(Handle, c_uint, c_int, *const c_void);
+    set_primitives, b"rtcSetGeometryUserPrimitiveCount\0", unsafe extern "C" fn(Handle, c_uint);
+    set_user_data, b"rtcSetGeometryUserData\0", unsafe extern "C" fn(Handle, *mut c_void);
+    set_bounds, b"rtcSetGeometryBoundsFunction\0", unsafe extern "C" fn(Handle, Bounder, *mut c_void);
+    collide, b"rtcCollide\0", Collide;
     intersect, b"rtcIntersect1\0", One;
     occluded, b"rtcOccluded1\0", One;
     intersect_stream, b"rtcIntersect1M\0", Stream;
@@ -217,6 +225,13 @@ unsafe extern "C" fn monitor(bytes: *mut c_void, change: isize, _is_done: bool) 
     // SAFETY: what `Scene::new` gave, which goes after the device.
     unsafe { &*bytes.cast::<AtomicI64>() }.fetch_add(change as i64, Relaxed);
     true
+}
+
+/// As "3.13.5".
+fn version(calls: &Calls, device: Handle) -> String {
+    // SAFETY: a live device.
+    let version = unsafe { (calls.device_property)(device, VERSION) };
+    format!("{}.{}.{}", version / 10000, version / 100 % 100, version % 100)
 }
 
 impl Scene {
@@ -330,9 +345,7 @@ impl Scene {
 
     /// As "3.13.5".
     pub fn version(&self) -> String {
-        // SAFETY: a live device.
-        let version = unsafe { (self.calls.device_property)(self.device, VERSION) };
-        format!("{}.{}.{}", version / 10000, version / 100 % 100, version % 100)
+        version(self.calls, self.device)
     }
 
     /// Closest hits, ray by ray.
@@ -395,6 +408,119 @@ impl Drop for Scene {
         unsafe {
             (self.calls.release_scene)(self.scene);
             self.below.iter().for_each(|&scene| (self.calls.release_scene)(scene));
+            (self.calls.release_device)(self.device);
+        }
+    }
+}
+
+/// `RTCBounds`.
+#[repr(C, align(16))]
+struct RtcBounds {
+    lower: [f32; 3],
+    align0: f32,
+    upper: [f32; 3],
+    align1: f32,
+}
+
+/// `RTCBoundsFunctionArguments`.
+#[repr(C)]
+struct BoundsArguments {
+    user: *mut c_void,
+    prim: c_uint,
+    time_step: c_uint,
+    bounds: *mut RtcBounds,
+}
+
+/// `RTCCollision`.
+#[repr(C)]
+struct Collision {
+    geometry0: c_uint,
+    prim0: c_uint,
+    geometry1: c_uint,
+    prim1: c_uint,
+}
+
+/// Scenes of boxes, the geometry that `rtcCollide` takes, of one thread.
+pub struct Boxes {
+    calls: &'static Calls,
+    device: Handle,
+    scenes: Vec<Handle>,
+    /// What the scenes' callback reads.
+    _boxes: Vec<Vec<Bounds>>,
+}
+
+/// Gives Embree the box of a primitive.
+unsafe extern "C" fn bound(arguments: *const BoundsArguments) {
+    // SAFETY: Embree gives what `Boxes::new` has set, with a primitive of that geometry, and room for its box.
+    unsafe {
+        let BoundsArguments { user, prim, bounds, .. } = *arguments;
+        let one = *user.cast::<Bounds>().add(prim as usize);
+        *bounds = RtcBounds { lower: one.min.into(), align0: 0.0, upper: one.max.into(), align1: 0.0 };
+    }
+}
+
+type Take<'a> = Mutex<&'a mut (dyn FnMut(u32, u32) + Send)>;
+
+unsafe extern "C" fn collided(user: *mut c_void, collisions: *const Collision, count: c_uint) {
+    // SAFETY: what `Boxes::collide` gave, which is there until `rtcCollide` returns, and as many pairs as stated.
+    let (take, pairs) = unsafe { (&*user.cast::<Take>(), std::slice::from_raw_parts(collisions, count as usize)) };
+    let mut take = take.lock().unwrap_or_else(PoisonError::into_inner);
+    pairs.iter().for_each(|pair| take(pair.prim0, pair.prim1));
+}
+
+impl Boxes {
+    /// A scene of each list of boxes; the error says why there is none.
+    pub fn new(boxes: Vec<Vec<Bounds>>) -> Result<Self, String> {
+        const USER: c_int = 120;
+        let calls = Calls::get()?;
+        // SAFETY: a string that ends in zero.
+        let device = unsafe { (calls.new_device)(c"threads=1".as_ptr()) };
+        if device.is_null() {
+            return Err("Embree does not start".into());
+        }
+        let scene = |boxes: &Vec<Bounds>| {
+            // SAFETY: live handles, and boxes of the stated count, which stay where they are while the scene lives.
+            unsafe {
+                let (scene, geometry) = ((calls.new_scene)(device), (calls.new_geometry)(device, USER));
+                (calls.set_primitives)(geometry, boxes.len() as c_uint);
+                (calls.set_user_data)(geometry, boxes.as_ptr().cast_mut().cast());
+                (calls.set_bounds)(geometry, bound, ptr::null_mut());
+                (calls.commit_geometry)(geometry);
+                (calls.attach_geometry)(scene, geometry);
+                (calls.release_geometry)(geometry);
+                (calls.commit_scene)(scene);
+                scene
+            }
+        };
+        let scenes = boxes.iter().map(scene).collect();
+        let all = Self { calls, device, scenes, _boxes: boxes };
+        // SAFETY: a live device.
+        match unsafe { (calls.device_error)(device) } {
+            0 => Ok(all),
+            error => Err(format!("Embree cannot build the scenes: error {error}")),
+        }
+    }
+
+    /// As "3.13.5".
+    pub fn version(&self) -> String {
+        version(self.calls, self.device)
+    }
+
+    /// Calls `take` for each pair of boxes of two scenes that overlap.
+    pub fn collide(&self, [a, b]: [usize; 2], take: &mut (dyn FnMut(u32, u32) + Send)) {
+        let take: Take = Mutex::new(take);
+        // SAFETY: committed scenes; the callback's data is there until the call returns.
+        unsafe {
+            (self.calls.collide)(self.scenes[a], self.scenes[b], collided, ptr::from_ref(&take).cast_mut().cast());
+        }
+    }
+}
+
+impl Drop for Boxes {
+    fn drop(&mut self) {
+        // SAFETY: all are live, and this is their last use.
+        unsafe {
+            self.scenes.iter().for_each(|&scene| (self.calls.release_scene)(scene));
             (self.calls.release_device)(self.device);
         }
     }
