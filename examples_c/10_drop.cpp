@@ -32,7 +32,7 @@ Vec cross(const Vec &a, const Vec &b) {
 }
 
 const int STEPS = 215, SHOWN_EACH = 12, GRID = 48;
-const double STEP = 1.0 / 100, MARGIN = 0.004, GRAVITY = 9.81, BOUNCE = 0.3, FRICTION = 0.5;
+const double STEP = 1.0 / 60, MARGIN = 0.004, GRAVITY = 9.81, BOUNCE = 0.3, FRICTION = 0.5;
 const Vec HALF = {{0.5, 0.35, 0.25}};
 const std::uint32_t WIDTH = 640, HEIGHT = 400;
 const std::uint64_t GROUND = 1, BOX = 2;
@@ -40,9 +40,11 @@ const std::uint64_t GROUND = 1, BOX = 2;
 void build(const outcrop::context &context, const char *path, const std::vector<float> &positions,
            const std::vector<std::uint32_t> &indices, float red, float green, float blue) {
     outcrop::build build(context);
+    auto material = outcrop::init<oc_material>();
+    material.colour[0] = red, material.colour[1] = green, material.colour[2] = blue;
     auto part = outcrop::init<oc_part>();
+    part.material = build.add_material(material);
     part.id = 1, part.name = "part";
-    part.colour[0] = red, part.colour[1] = green, part.colour[2] = blue, part.colour[3] = 1;
     build.add_part(part);
     auto triangles = outcrop::init<oc_triangles>();
     triangles.part = 1;
@@ -204,7 +206,7 @@ void write_picture(const outcrop::context &context, const outcrop::scene &scene,
     for (std::uint32_t y = 0; y < HEIGHT; y++) {
         all.insert(all.end(), pixels.row<unsigned char>(y), pixels.row<unsigned char>(y) + 4 * WIDTH);
     }
-    if (write_png(path, all.data(), WIDTH, HEIGHT, 4 * WIDTH) != 0) throw std::runtime_error("the picture failed");
+    if (png_write(path, all.data(), WIDTH, HEIGHT, 4 * WIDTH)) throw std::runtime_error("the picture failed");
 }
 
 void run(const char *ground_path, const char *box_path, const char *picture) {

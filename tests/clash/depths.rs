@@ -42,6 +42,9 @@ fn places() -> Vec<(DAffine3, f64)> {
     ]
 }
 
+/// A name, two solids, the kind and depth with a tolerance, and the kind without.
+type Case = (&'static str, Vec<Tri>, Vec<Tri>, ClashKind, f64, ClashKind);
+
 /// Pairs of solids, with the kind, the depth, and the kind without a tolerance.
 #[test]
 fn closed_forms() {
@@ -52,7 +55,7 @@ fn closed_forms() {
         prism(&[[0., 0.], [3., 0.], [3., 2.], [2., 2.], [2., 1.], [1., 1.], [1., 2.], [0., 2.]], 1.0),
     ]
     .concat();
-    let cases: Vec<(&str, Vec<Tri>, Vec<Tri>, ClashKind, f64, ClashKind)> = vec![
+    let cases: Vec<Case> = vec![
         ("a box in a side", b([0.; 3], [2.; 3]), b([1.5, 0.5, 0.5], [3.5, 1.5, 1.5]), Hard, 0.5, Crossing),
         // Half the thickness: no pair of triangles crosses.
         ("aligned walls", b([0.; 3], [4.0, 0.25, 3.0]), b([3.0, 0., 0.], [7.0, 0.25, 3.0]), Hard, 0.125, Coplanar),
