@@ -1181,8 +1181,8 @@ typedef struct oc_clash {
     /**
      * World space. If there is a depth: the deepest point of the first part in the second, or if that reaches deeper
      * into the first, the point of the first part's surface nearest to its deepest point. Clearance: the point of the
-     * first part that is nearest to the second. Otherwise an end of the common segment of two triangles, or a corner of
-     * the part inside.
+     * first part that is nearest to the second. Otherwise an end of the common segment of two triangles, or a corner
+     * of the part inside.
      */
     double first_point[3];
     /** World space. As `first_point`, of the second part; otherwise the other end of the segment, or the same corner. */
@@ -1921,8 +1921,8 @@ typedef struct oc_pixels {
 #define OC_CLASH_SKIP_SAME_MATERIAL 8
 
 /**
- * Their surfaces cross. How deep is not known: the tolerance is 0, a part is not closed, or the triangles of both parts
- * do not fit the budget.
+ * Their surfaces cross. How deep is not known: the tolerance is 0, a part is not closed, or the triangles of both
+ * parts do not fit the budget.
  */
 #define OC_CLASH_CROSSING 1
 

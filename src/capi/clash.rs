@@ -124,8 +124,8 @@ pub const OC_CLASH_SKIP_SAME_MATERIAL: oc_clash_skip_flags = 8;
 
 /// The way in which two parts clash.
 pub type oc_clash_kind = u32;
-/// Their surfaces cross. How deep is not known: the tolerance is 0, a part is not closed, or the triangles of both parts
-/// do not fit the budget.
+/// Their surfaces cross. How deep is not known: the tolerance is 0, a part is not closed, or the triangles of both
+/// parts do not fit the budget.
 pub const OC_CLASH_CROSSING: oc_clash_kind = 1;
 /// Their surfaces overlap in a plane, and do not cross. The parts may lie against each other or in one another: that is
 /// not known, for the same reasons.
@@ -205,8 +205,8 @@ pub struct oc_clash {
     pub prim: [u64; 2],
     /// World space. If there is a depth: the deepest point of the first part in the second, or if that reaches deeper
     /// into the first, the point of the first part's surface nearest to its deepest point. Clearance: the point of the
-    /// first part that is nearest to the second. Otherwise an end of the common segment of two triangles, or a corner of
-    /// the part inside.
+    /// first part that is nearest to the second. Otherwise an end of the common segment of two triangles, or a corner
+    /// of the part inside.
     pub first_point: [f64; 3],
     /// World space. As `first_point`, of the second part; otherwise the other end of the segment, or the same corner.
     pub second_point: [f64; 3],

@@ -305,8 +305,8 @@ fn depths_do_not_depend_on_the_order() {
     }
 }
 
-/// Blocks are read on demand, and the triangles of parts are kept in the budget. If those of two parts do not fit, their
-/// depth is not known, and the search goes on.
+/// Blocks are read on demand, and the triangles of parts are kept in the budget. If those of two parts do not fit,
+/// their depth is not known, and the search goes on.
 #[test]
 fn depths_do_not_depend_on_budgets_and_threads() {
     let ask = |file: &built::Built, threads: usize, memory_budget: u64| {

@@ -255,8 +255,8 @@ fn middle(corners: &[DVec3]) -> DVec3 {
     corners.iter().sum::<DVec3>() / corners.len() as f64
 }
 
-/// A plane through an edge of a triangle, across its plane: the one that a point is farthest beyond. `None` if the point
-/// is above or below the triangle.
+/// A plane through an edge of a triangle, across its plane: the one that a point is farthest beyond. `None` if the
+/// point is above or below the triangle.
 fn beyond(p: DVec3, triangle: &[DVec3; 3]) -> Option<[DVec3; 2]> {
     let normal = (triangle[1] - triangle[0]).cross(triangle[2] - triangle[0]);
     let edges = [0, 1, 2].map(|i| {

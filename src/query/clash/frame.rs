@@ -26,8 +26,8 @@ impl Frames {
 }
 
 /// The origin of a tree that is only shifted: its corners are then not rounded, nor are those of the other tree if both
-/// are of one mesh. Otherwise a point with few digits near where both boxes, which are within `reach` of each other, meet.
-/// It does not depend on their order.
+/// are of one mesh. Otherwise a point with few digits near where both boxes, which are within `reach` of each other,
+/// meet. It does not depend on their order.
 fn origin(placed: [&Placed; 2], reach: f64) -> DVec3 {
     match placed.map(Placed::only_shifted) {
         [Some(a), Some(b)] => return if a.to_array() <= b.to_array() { a } else { b },

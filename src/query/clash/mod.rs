@@ -201,7 +201,8 @@ impl SceneState {
     /// not compared with each other. Parts that meet in a corner or an edge touch.
     ///
     /// Blocks; may read the disk. Thread-safe. Fails with `BadArgument` for an empty set, for ids that the scene lacks,
-    /// and for a clearance or tolerance that is negative or not finite; with `Cancelled`, and with the error of a disk read.
+    /// and for a clearance or tolerance that is negative or not finite; with `Cancelled`, and with the error of a disk
+    /// read.
     pub fn clash(
         &self,
         options: &ClashOptions,
