@@ -1,6 +1,6 @@
-//! Queries to a scene: closest and any hits of rays in batches, all crossings of rays, overlaps of boxes and frusta with
-//! parts, clashes, nearest points and distances. The cursor returns the nodes of a model to programs that walk its trees
-//! by themselves.
+//! Queries to a scene: closest and any hits of rays in batches, all crossings of rays, overlaps of boxes and frusta
+//! with parts, clashes, nearest points and distances. The cursor returns the nodes of a model to programs that walk its
+//! trees by themselves.
 #![forbid(unsafe_code)]
 
 mod single;
