@@ -13,7 +13,8 @@ use glam::{DAffine3, DMat3, DQuat, DVec3};
 use outcrop::base::progress::{Cancel, Progress};
 use outcrop::geom::pairs::{Relation, relate};
 use outcrop::import::generate::{GenerateOptions, generate};
-use outcrop::query::clash::{Clash, ClashDetail, ClashKind, ClashOptions, ClashRules, ClashSummary, PartSet};
+use outcrop::query::PartSet;
+use outcrop::query::clash::{Clash, ClashDetail, ClashKind, ClashOptions, ClashRules, ClashSummary};
 use outcrop::scene::{Context, ContextOptions, Model, Scene};
 use std::collections::BTreeMap;
 

@@ -9,7 +9,7 @@ use glam::{DAffine3, DMat3, DQuat, DVec3};
 use outcrop::base::progress::Cancel;
 use outcrop::geom::distances::{point_triangle, triangle_triangle};
 use outcrop::import::generate::{GenerateOptions, generate};
-use outcrop::query::clash::PartSet;
+use outcrop::query::PartSet;
 use outcrop::query::{DistanceOptions, HitKind, NearestOptions, NearestPoint, Policy, SetDistance};
 use outcrop::scene::{Context, ContextOptions, Model, Scene};
 

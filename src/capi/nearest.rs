@@ -7,7 +7,7 @@ use super::inside::oc_holds;
 use super::query::{oc_hit_kind, same_places};
 use super::scene::{SceneObject, oc_scene};
 use super::status::oc_status;
-use crate::query::clash::PartSet;
+use crate::query::PartSet;
 use crate::query::{DistanceOptions, NearestOptions, NearestPoint, Policy, SetDistance};
 use glam::DVec3;
 

@@ -79,6 +79,19 @@ bounds!(
 );
 
 impl DBounds {
+    /// Squared distance between two boxes; 0 if they share a point.
+    #[inline]
+    pub fn squared_distance(&self, o: &Self) -> f64 {
+        let beyond = (self.min - o.max).max(o.min - self.max).max(DVec3::ZERO);
+        beyond.dot(beyond)
+    }
+
+    /// Squared distance from a point; 0 inside.
+    #[inline]
+    pub fn squared_distance_to(&self, p: DVec3) -> f64 {
+        self.squared_distance(&Self { min: p, max: p })
+    }
+
     /// Returns the smallest box around the image of this one under `m`. An empty box stays empty.
     pub fn transformed(&self, m: &DAffine3) -> Self {
         if self.is_empty() {

@@ -1,7 +1,6 @@
 //! The visible parts of a set, and where they are: which placed trees and blocks a walk enters for them.
 
-use super::clash::PartSet;
-use super::clash::sets::Members;
+use super::part_set::{Members, PartSet};
 use crate::base::error::Result;
 use crate::math::DBounds;
 use crate::scene::top::TopTree;

@@ -3,7 +3,7 @@
 use crate::base::ids::BlockId;
 use crate::scene::SceneState;
 use crate::scene::walk::Need;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Bytes of a block in memory.
 pub(crate) fn bytes_of(scene: &SceneState, need: Need) -> u64 {
@@ -19,6 +19,26 @@ pub(crate) fn one_at_least(room: u64) -> impl FnMut(u64) -> bool {
         sum += bytes;
         is_first || sum <= room
     }
+}
+
+/// Plans the blocks of groups, in order, while their bytes fit `room`: all of a group or none. The first group always
+/// fits. The second result is true if these are all.
+pub(crate) fn together<G: IntoIterator<Item = Need>>(
+    groups: impl IntoIterator<Item = G>,
+    room: u64,
+    bytes: impl Fn(Need) -> u64,
+) -> (Vec<Need>, bool) {
+    let (mut chosen, mut planned, mut sum) = (BTreeSet::new(), Vec::new(), 0);
+    for group in groups {
+        let more: BTreeSet<Need> = group.into_iter().filter(|need| !chosen.contains(need)).collect();
+        sum += more.iter().map(|&need| bytes(need)).sum::<u64>();
+        if sum > room && !planned.is_empty() {
+            return (planned, false);
+        }
+        planned.extend(&more);
+        chosen.extend(more);
+    }
+    (planned, true)
 }
 
 /// Groups the blocks by model and keeps their order within each model.
@@ -42,6 +62,21 @@ mod tests {
             [(0, &[5, 1][..]), (5, &[5, 1]), (6, &[5, 1, 1]), (9, &[])].map(|(room, counts)| fitting(room, counts)),
             [1, 1, 2, 0]
         );
+    }
+
+    #[test]
+    fn groups_come_as_a_whole() {
+        let need = |block| Need { model: 0, block: BlockId(block) };
+        let groups = [vec![need(7), need(2)], vec![need(2), need(3)], vec![need(4), need(5)]];
+        let plan = |room| {
+            let (planned, is_all) = together(groups.clone(), room, |_| 10);
+            (planned.iter().map(|need| need.block.0).collect::<Vec<_>>(), is_all)
+        };
+        assert_eq!(plan(0), (vec![2, 7], false));
+        // A block in common counts once.
+        assert_eq!(plan(30), (vec![2, 7, 3], false));
+        assert_eq!(plan(49), (vec![2, 7, 3], false));
+        assert_eq!(plan(50), (vec![2, 7, 3, 4, 5], true));
     }
 
     #[test]

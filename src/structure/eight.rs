@@ -9,7 +9,6 @@ use super::place::Place;
 use crate::base::ids::BlockId;
 #[cfg(any(test, feature = "brute"))]
 use crate::math::Bounds;
-use glam::DVec3;
 
 /// Number of lanes.
 pub const EIGHT: usize = 8;
@@ -57,13 +56,6 @@ impl Default for Eight {
 }
 
 impl Eight {
-    /// The corners of a triangle.
-    #[inline(always)]
-    pub fn triangle(&self, lane: usize) -> [DVec3; 3] {
-        let lane = lane % EIGHT;
-        self.corners.each_ref().map(|c| DVec3::new(c[0][lane], c[1][lane], c[2][lane]))
-    }
-
     /// The triangle of a lane, as a hit.
     #[inline(always)]
     pub fn hit(&self, lane: usize) -> TriHit {

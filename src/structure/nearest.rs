@@ -171,3 +171,21 @@ pub fn lesser(a: f64, b: f64) -> f64 {
 pub fn positive(x: f64) -> f64 {
     greater(x, 0.0)
 }
+
+/// Sorts what a walk visits next by squared distance, the nearest last; keeps the order of equal ones. Most are the
+/// children of one place, few enough to be inserted one by one.
+#[inline(always)]
+pub fn sort_nearest_last<T: Copy>(all: &mut [T], squared: impl Fn(&T) -> f64) {
+    if all.len() > EIGHT {
+        return all.sort_by(|a, b| squared(b).total_cmp(&squared(a)));
+    }
+    for i in 1..all.len() {
+        let one = all[i];
+        let mut at = i;
+        while at > 0 && squared(&all[at - 1]) < squared(&one) {
+            all[at] = all[at - 1];
+            at -= 1;
+        }
+        all[at] = one;
+    }
+}

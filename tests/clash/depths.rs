@@ -8,7 +8,8 @@ use super::{World, cuboid, world};
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 use outcrop::base::progress::{Cancel, Progress};
 use outcrop::geom::point_triangle;
-use outcrop::query::clash::{Clash, ClashDetail, ClashKind, ClashOptions, PartSet};
+use outcrop::query::PartSet;
+use outcrop::query::clash::{Clash, ClashDetail, ClashKind, ClashOptions};
 use outcrop::scene::{Context, ContextOptions, Model, Scene};
 
 const TOLERANCE: f64 = 1e-5;

@@ -6,7 +6,8 @@ use glam::{DAffine3, DVec3};
 use outcrop::base::progress::Progress;
 use outcrop::math::DBounds;
 use outcrop::query::NONE;
-use outcrop::query::clash::{Clash, ClashDetail, ClashKind, ClashOptions, ClashRules, ClashSummary, PartSet};
+use outcrop::query::PartSet;
+use outcrop::query::clash::{Clash, ClashDetail, ClashKind, ClashOptions, ClashRules, ClashSummary};
 use outcrop::scene::{Context, ContextOptions, Model, Scene};
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
@@ -220,7 +221,10 @@ impl Report {
         }
         if let Some((by, groups)) = &self.groups {
             let id = |i: &usize| format!("{:016x}", self.clashes[*i].id());
-            let group = |group: &Group| json!({"name": self.title(*by, group), "clashes": group.clashes.iter().map(id).collect::<Value>()});
+            let group = |group: &Group| {
+                let ids: Value = group.clashes.iter().map(id).collect();
+                json!({"name": self.title(*by, group), "clashes": ids})
+            };
             all["groups"] = groups.iter().map(group).collect();
         }
         all

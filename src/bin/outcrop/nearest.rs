@@ -2,7 +2,7 @@
 
 use crate::common::{self, Failure, Outcome};
 use glam::{DAffine3, DVec3};
-use outcrop::query::clash::PartSet;
+use outcrop::query::PartSet;
 use outcrop::query::{DistanceOptions, HitKind, NONE, NearestOptions, NearestPoint, SetDistance};
 use outcrop::scene::{Context, ContextOptions, Model, Scene};
 use serde_json::{Value, json};
@@ -30,7 +30,10 @@ pub struct Args {
     #[arg(long, value_name = "PARTS", value_delimiter = ',')]
     from: Vec<u64>,
     /// Ids of parts: print the distance between those of --from and these
-    #[arg(long, value_name = "PARTS", value_delimiter = ',', requires = "from", conflicts_with_all = ["point", "points", "inside"])]
+    #[arg(
+        long, value_name = "PARTS", value_delimiter = ',', requires = "from",
+        conflicts_with_all = ["point", "points", "inside"]
+    )]
     to: Vec<u64>,
     /// Distance beyond which nothing is found, in the unit of the model
     #[arg(long, value_name = "DISTANCE", default_value = "inf", allow_negative_numbers = true, value_parser = distance)]

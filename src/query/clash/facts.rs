@@ -1,7 +1,7 @@
 //! Results of pairs of triangles, collected by pairs of parts. They do not depend on the order of visits.
 
+use super::super::frames::Frames;
 use super::ClashDetail;
-use super::frame::Frames;
 use super::task::{PartKey, Task};
 use crate::geom::Sifted;
 use crate::geom::distances::apart_triangles;

@@ -1,16 +1,16 @@
 //! The search for pairs of triangles, in [rounds](super::super::rounds): a walk through a pair of placed trees goes on
 //! when blocks that it lacked have come.
 
+use super::super::frames::Frames;
+use super::super::needs::together;
 use super::super::rounds::{Quest, Rounds, WaitList};
 use super::facts::{Found, Meeting};
-use super::frame::Frames;
 use super::task::Task;
 use crate::base::error::Result;
 use crate::base::ids::BlockId;
 use crate::scene::SceneState;
 use crate::scene::walk::{Need, SceneView, Snapshots};
 use crate::structure::pairs::{PairCounters, PairDescent, PairSide, PairWalk};
-use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::{Mutex, PoisonError};
 
@@ -176,16 +176,6 @@ impl WaitList for Waiting {
         let mut pairs: Vec<[Need; 2]> = self.0.iter().flat_map(Piece::needs).collect();
         pairs.sort_unstable();
         pairs.dedup();
-        let (mut chosen, mut planned, mut sum) = (BTreeSet::new(), Vec::new(), 0);
-        for both in pairs {
-            let more: BTreeSet<Need> = both.into_iter().filter(|need| !chosen.contains(need)).collect();
-            sum += more.iter().map(|&need| bytes(need)).sum::<u64>();
-            if sum > room && !planned.is_empty() {
-                return (planned, false);
-            }
-            planned.extend(&more);
-            chosen.extend(more);
-        }
-        (planned, true)
+        together(pairs, room, bytes)
     }
 }

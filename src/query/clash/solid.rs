@@ -2,7 +2,7 @@
 //! inside. Depths ask the same two parts again and again, from many points; the blocks of a model, in which other parts
 //! lie between, would answer slower.
 
-use super::frame::rounded;
+use super::super::frames::rounded;
 use super::task::PartKey;
 use crate::base::error::Result;
 use crate::base::progress::Cancel;
@@ -116,7 +116,7 @@ impl Solid {
                 }
             }
             if node.count == 0 {
-                let squared = |at: u32| squared_distance(p, &self.nodes[at as usize].bounds);
+                let squared = |at: u32| self.nodes[at as usize].bounds.squared_distance_to(p);
                 let both = [(squared(node.first), node.first), (squared(node.first + 1), node.first + 1)];
                 // The nearer one is visited first.
                 let [far, near] = if both[0].0 <= both[1].0 { [both[1], both[0]] } else { both };
@@ -190,8 +190,4 @@ impl Solid {
 /// The box around triangles.
 pub(super) fn around(triangles: &[[DVec3; 3]]) -> DBounds {
     triangles.as_flattened().iter().fold(DBounds::EMPTY, |b, &p| b.with(p))
-}
-
-fn squared_distance(p: DVec3, b: &DBounds) -> f64 {
-    (b.min - p).max(p - b.max).max(DVec3::ZERO).length_squared()
 }

@@ -1,7 +1,8 @@
 //! A clash query, prepared: which pairs of parts are compared.
 
-use super::sets::{Members, Rules};
-use super::{ClashOptions, PartSet};
+use super::super::part_set::{Members, PartSet};
+use super::ClashOptions;
+use super::rules::Rules;
 use crate::base::error::Result;
 use crate::base::progress::{Cancel, Progress};
 use crate::math::DBounds;

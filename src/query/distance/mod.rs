@@ -5,8 +5,8 @@ mod walk;
 
 use super::among::Among;
 use super::batch::Policy;
-use super::clash::PartSet;
 use super::hit::NONE;
+use super::part_set::PartSet;
 use super::sweep::sweep;
 use crate::base::error::{Error, Result};
 use crate::scene::SceneState;

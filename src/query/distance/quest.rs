@@ -2,6 +2,7 @@
 //! places, which share the least distance found so far.
 
 use super::super::among::Among;
+use super::super::needs::together;
 use super::super::rounds::{Quest, Rounds, WaitList};
 use super::walk::{Entry, Nearest, Rest, Scratch, Walker, needed};
 use crate::base::error::Result;
@@ -9,7 +10,6 @@ use crate::base::ids::BlockId;
 use crate::scene::SceneState;
 use crate::scene::walk::{Need, SceneView, Snapshots};
 use crate::simd::{Op, Simd, dispatch};
-use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering::Relaxed};
 use std::sync::{Mutex, PoisonError};
 
@@ -182,16 +182,6 @@ impl WaitList for Waiting {
 
     /// Plans the blocks of the first walks, all that a walk needs together.
     fn plan(&self, room: u64, bytes: impl Fn(Need) -> u64) -> (Vec<Need>, bool) {
-        let (mut chosen, mut planned, mut sum) = (BTreeSet::new(), Vec::new(), 0);
-        for piece in &self.0 {
-            let more: BTreeSet<Need> = piece.needs.iter().copied().filter(|need| !chosen.contains(need)).collect();
-            sum += more.iter().map(|&need| bytes(need)).sum::<u64>();
-            if sum > room && !planned.is_empty() {
-                return (planned, false);
-            }
-            planned.extend(&more);
-            chosen.extend(more);
-        }
-        (planned, true)
+        together(self.0.iter().map(|piece| piece.needs.iter().copied()), room, bytes)
     }
 }

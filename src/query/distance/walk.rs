@@ -5,14 +5,14 @@
 //! limit. Of triangles that have a common point the first in this order count, so that the walk can end there.
 
 use super::super::among::Among;
-use super::super::clash::frame::Frames;
+use super::super::frames::Frames;
 use crate::geom::triangle_triangle;
 use crate::math::{DBounds, bits};
 use crate::scene::SceneState;
 use crate::scene::placed::Placed;
 use crate::scene::top::{NodeRef, Target};
 use crate::scene::walk::SceneView;
-use crate::structure::nearest::{PointFrame, at_most, greater, lesser, positive, triangle_of};
+use crate::structure::nearest::{PointFrame, at_most, greater, lesser, positive, sort_nearest_last, triangle_of};
 use crate::structure::{EIGHT, Eight, Lanes, Place, Rooted, Tree};
 use glam::{DAffine3, DVec3};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
@@ -150,11 +150,6 @@ impl Opened {
     }
 }
 
-fn squared_between(a: &DBounds, b: &DBounds) -> f64 {
-    let beyond = (a.min - b.max).max(b.min - a.max).max(DVec3::ZERO);
-    beyond.dot(beyond)
-}
-
 /// Working memory of a thread.
 #[derive(Default)]
 pub(super) struct Scratch {
@@ -189,7 +184,7 @@ impl Rest {
     pub fn new(sets: [&Among; 2]) -> Self {
         let [a, b] = sets.map(|set| (set.top().root(), *set.top().around()));
         let root = a.0.zip(b.0).map(|(x, y)| Entry {
-            squared: squared_between(&a.1, &b.1),
+            squared: a.1.squared_distance(&b.1),
             at: [At::Top(x), At::Top(y)],
             bounds: [a.1, b.1],
         });
@@ -259,7 +254,7 @@ impl<'a> Walker<'a> {
             }
             // The sort keeps the order of equal ones; the last is visited first.
             scratch.stack[bottom..].reverse();
-            sort_descending(&mut scratch.stack[bottom..]);
+            sort_nearest_last(&mut scratch.stack[bottom..], |entry| entry.squared);
         }
         let mut left = std::mem::take(&mut rest.left);
         left.retain(|entry| entry.squared <= self.limit_of(entry, &mut pair));
@@ -328,7 +323,7 @@ impl<'a> Walker<'a> {
         let second = if is_same || !opens_first { below(1) } else { vec![(entry.at[1], entry.bounds[1])] };
         for (i, &(a, of_a)) in first.iter().enumerate() {
             for &(b, of_b) in second.iter().skip(if is_same { i } else { 0 }) {
-                let squared = squared_between(&of_a, &of_b);
+                let squared = of_a.squared_distance(&of_b);
                 let mut bounds = [of_a, of_b];
                 if let [At::In(x, ..), At::In(y, ..)] = [a, b] {
                     let placed = [x, y].map(|index| &self.scene().placement.placed[index as usize]);
@@ -532,22 +527,5 @@ fn is_in_order(a: &At, b: &At) -> bool {
     match (a, b) {
         (At::In(_, a, _), At::In(_, b, _)) => a <= b,
         _ => true,
-    }
-}
-
-/// Sorts entries, the nearest last; keeps the order of equal ones.
-#[inline(always)]
-fn sort_descending(entries: &mut [Entry]) {
-    if entries.len() > EIGHT {
-        return entries.sort_by(|a, b| b.squared.total_cmp(&a.squared));
-    }
-    for i in 1..entries.len() {
-        let one = entries[i];
-        let mut at = i;
-        while at > 0 && entries[at - 1].squared < one.squared {
-            entries[at] = entries[at - 1];
-            at -= 1;
-        }
-        entries[at] = one;
     }
 }

@@ -6,9 +6,9 @@ mod walk;
 
 use super::among::Among;
 use super::batch::Policy;
-use super::clash::PartSet;
 use super::hit::{HitKind, NONE};
 use super::inside::Holds;
+use super::part_set::PartSet;
 use crate::base::error::{Error, Result};
 use crate::scene::SceneState;
 use glam::DVec3;

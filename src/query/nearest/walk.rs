@@ -3,12 +3,12 @@
 
 use super::super::among::Among;
 use crate::geom::point_triangle;
-use crate::math::{DBounds, bits};
+use crate::math::bits;
 use crate::scene::SceneState;
 use crate::scene::placed::Placed;
 use crate::scene::top::{NodeRef, Target};
 use crate::scene::walk::SceneView;
-use crate::structure::nearest::{PointFrame, at_most, squared_to_triangles, triangle_of};
+use crate::structure::nearest::{PointFrame, at_most, sort_nearest_last, squared_to_triangles, triangle_of};
 use crate::structure::{Eight, Place, Rooted, Tree};
 use glam::DVec3;
 
@@ -113,11 +113,6 @@ fn slack_of(placed: &Placed, p: DVec3) -> f64 {
     2.0 * placed.rounding(size) + reach * POINT_TRIANGLE
 }
 
-fn squared_to(bounds: &DBounds, p: DVec3) -> f64 {
-    let beyond = (bounds.min - p).max(p - bounds.max).max(DVec3::ZERO);
-    beyond.dot(beyond)
-}
-
 impl<'a> Walker<'a> {
     pub fn new(view: &'a SceneView<'a>, among: &'a Among<'a>) -> Self {
         Self { view, among, slack: 0.0 }
@@ -170,7 +165,7 @@ impl<'a> Walker<'a> {
                         }
                     });
                     match opened {
-                        Ok(()) => sort_descending(&mut stack[bottom..]),
+                        Ok(()) => sort_nearest_last(&mut stack[bottom..], |entry| entry.squared),
                         Err(_) => left.push(entry),
                     }
                 }
@@ -188,13 +183,14 @@ impl<'a> Walker<'a> {
                     around(best, far.dot(far), (placed.bounds.min + placed.bounds.max) * 0.5 - p);
                 }
                 let root = self.among.tree(self.view, index).root();
-                stack
-                    .extend(root.map(|root| Entry { squared: squared_to(&placed.bounds, p), at: At::In(index, root) }));
+                stack.extend(
+                    root.map(|root| Entry { squared: placed.bounds.squared_distance_to(p), at: At::In(index, root) }),
+                );
             }
             Target::Placed(_) => {}
             Target::Inner(index) => {
                 let node = self.among.top().node(index);
-                let squared = node.bounds.each_ref().map(|bounds| squared_to(bounds, p));
+                let squared = node.bounds.each_ref().map(|bounds| bounds.squared_distance_to(p));
                 let order = if squared[0] <= squared[1] { [1, 0] } else { [0, 1] };
                 stack.extend(order.map(|side| Entry { squared: squared[side], at: At::Top(node.child[side]) }));
             }
@@ -316,19 +312,5 @@ impl<'a> Walker<'a> {
 fn around(best: &mut Best, squared: f64, middle: DVec3) {
     if best.around.is_none_or(|(least, _)| squared < least) {
         best.around = Some((squared, middle));
-    }
-}
-
-/// Sorts a few entries, the nearest last.
-#[inline(always)]
-fn sort_descending(entries: &mut [Entry]) {
-    for i in 1..entries.len() {
-        let one = entries[i];
-        let mut at = i;
-        while at > 0 && entries[at - 1].squared < one.squared {
-            entries[at] = entries[at - 1];
-            at -= 1;
-        }
-        entries[at] = one;
     }
 }
