@@ -81,7 +81,7 @@ impl<T: Send + Default> Quest for Sweep<'_, T> {
     fn begin(&self, index: usize, snapshots: &Snapshots) -> Vec<Visit<T>> {
         let tree = self.trees[index];
         let left = Descent::new(&SceneView::new(self.scene, snapshots, self.stamp).tree(tree));
-        let model = self.scene.placement.placed[tree as usize].model;
+        let model = self.scene.ids_of(tree).model;
         let visit = Visit { index, model, left, lacking: Vec::new(), found: T::default() };
         self.resume(visit, snapshots).into_iter().collect()
     }

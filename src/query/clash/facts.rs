@@ -11,6 +11,7 @@ use crate::scene::placed::Placed;
 use crate::structure::Place;
 use crate::structure::pairs::{Near, PairCounters, PairLeaf, PairSide, PairVisit, PartsBelow};
 use glam::DVec3;
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 /// A pair of parts, the lesser key first.
@@ -135,7 +136,7 @@ pub(super) struct Meeting<'a> {
     task: &'a Task<'a>,
     /// Indices of the placed trees.
     pair: [u32; 2],
-    placed: [&'a Placed; 2],
+    placed: [Cow<'a, Placed>; 2],
     sides: &'a [PairSide<'a>; 2],
     frames: &'a Frames,
     /// -1 for a tree that is mirrored: its triangles turn the other way. Else 1.
@@ -158,9 +159,9 @@ impl<'a> Meeting<'a> {
         found: &'a mut Found,
         members: [[u32; 2]; 2],
     ) -> Self {
-        let placed = pair.map(|at| &task.scene.placement.placed[at as usize]);
+        let placed = pair.map(|at| task.scene.placed(at));
         let selects = placed.iter().any(|p| task.scene.models[p.model as usize].local_parts(p.tree) > 1);
-        let turns = placed.map(|p| p.frame().matrix3.determinant().signum());
+        let turns = placed.each_ref().map(|p| p.frame().matrix3.determinant().signum());
         Self { task, pair, placed, sides, frames, turns, found, last: None, members, selects }
     }
 
@@ -168,7 +169,7 @@ impl<'a> Meeting<'a> {
     #[inline]
     fn parts(&self, (a, i): (&PairLeaf, usize), (b, j): (&PairLeaf, usize)) -> (PairKey, bool) {
         let key = |placed: &Placed, part: u32| [placed.instance, placed.first_part.saturating_add(part)];
-        let [x, y] = [key(self.placed[0], a.parts[i]), key(self.placed[1], b.parts[j])];
+        let [x, y] = [key(&self.placed[0], a.parts[i]), key(&self.placed[1], b.parts[j])];
         if y < x { ([y, x], true) } else { ([x, y], false) }
     }
 }
@@ -186,7 +187,7 @@ impl PairVisit for Meeting<'_> {
     fn may_want(&mut self, a: &PartsBelow, b: &PartsBelow) -> bool {
         if let (Some(x), Some(y)) = (a.one(), b.one()) {
             let key = |placed: &Placed, part: u32| [placed.instance, placed.first_part.saturating_add(part)];
-            return self.wants(key(self.placed[0], x), key(self.placed[1], y));
+            return self.wants(key(&self.placed[0], x), key(&self.placed[1], y));
         }
         let [[a_first, a_second], [b_first, b_second]] = self.members;
         a.bits & a_first != 0 && b.bits & b_second != 0 || a.bits & a_second != 0 && b.bits & b_first != 0

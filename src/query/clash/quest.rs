@@ -31,7 +31,7 @@ pub(super) fn search(task: &Task, pairs: &[[u32; 2]]) -> Result<Found> {
         let mut walk = PairWalk::default();
         for &pair in pairs {
             let [a, b] = pair.map(|placed| view.tree(placed));
-            let members = pair.map(|at| task.bits_of(&scene.placement.placed[at as usize]));
+            let members = pair.map(|at| task.bits_of(&scene.placed(at)));
             let mut descent = PairDescent::new(&a, &b, pair[0] == pair[1]);
             if each > 1 {
                 let frames = frames(task, pair);
@@ -56,7 +56,8 @@ pub(super) fn search(task: &Task, pairs: &[[u32; 2]]) -> Result<Found> {
 }
 
 fn frames(task: &Task, pair: [u32; 2]) -> Frames {
-    Frames::new(pair.map(|at| &task.scene.placement.placed[at as usize]), task.options.clearance)
+    let placed = pair.map(|at| task.scene.placed(at));
+    Frames::new(placed.each_ref().map(|p| &**p), task.options.clearance)
 }
 
 /// The quest: its items and pieces are walks.
@@ -99,8 +100,7 @@ impl Walks<'_> {
             return None;
         }
         let view = SceneView::new(task.scene, snapshots, stamp);
-        let placed = piece.pair.map(|at| &task.scene.placement.placed[at as usize]);
-        piece.models = placed.map(|p| p.model);
+        piece.models = piece.pair.map(|at| task.scene.ids_of(at).model);
         let frames = frames(task, piece.pair);
         let [a, b] = piece.pair.map(|at| view.tree(at));
         let sides = [PairSide { tree: a, frame: &frames.of[0] }, PairSide { tree: b, frame: &frames.of[1] }];

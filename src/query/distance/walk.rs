@@ -282,7 +282,8 @@ impl<'a> Walker<'a> {
     }
 
     fn enter(&self, placed: [u32; 2]) -> Pair<'a> {
-        let of = placed.map(|index| &self.scene().placement.placed[index as usize]);
+        let made = placed.map(|index| self.scene().placed(index));
+        let of = made.each_ref().map(|p| &**p);
         let origin = Frames::new(of, 0.0).origin;
         let frames = of.map(|p: &Placed| {
             let map = DAffine3 { translation: p.frame().translation - origin, ..p.frame() };
@@ -310,7 +311,7 @@ impl<'a> Walker<'a> {
                 }
                 Target::Placed(index) => {
                     let root = self.sets[i].enters(index).then(|| self.sets[i].tree(self.view, index).root()).flatten();
-                    let bounds = self.scene().placement.placed[index as usize].bounds;
+                    let bounds = self.scene().placed(index).bounds;
                     root.map(|root| (At::In(index, root, false), bounds)).into_iter().collect()
                 }
             },
@@ -326,8 +327,8 @@ impl<'a> Walker<'a> {
                 let squared = of_a.squared_distance(&of_b);
                 let mut bounds = [of_a, of_b];
                 if let [At::In(x, ..), At::In(y, ..)] = [a, b] {
-                    let placed = [x, y].map(|index| &self.scene().placement.placed[index as usize]);
-                    let origin = Frames::new(placed, 0.0).origin;
+                    let placed = [x, y].map(|index| self.scene().placed(index));
+                    let origin = Frames::new(placed.each_ref().map(|p| &**p), 0.0).origin;
                     bounds = bounds.map(|b| DBounds { min: b.min - origin, max: b.max - origin });
                 }
                 out.push(Entry { squared, at: [a, b], bounds });
@@ -425,7 +426,7 @@ impl<'a> Walker<'a> {
     /// Measures the distances between triangles.
     #[inline(always)]
     fn meet(&self, pair: &Pair, a: &[Opened], b: &[Opened], rest: &mut Rest) {
-        let placed = pair.placed.map(|index| &self.scene().placement.placed[index as usize]);
+        let placed = pair.placed.map(|index| self.scene().ids_of(index));
         let part = |side: usize, row: &Opened, lane: usize| {
             let part = placed[side].first_part.saturating_add(row.eight.parts[lane]);
             let is_member = pair.is_whole[side] || self.sets[side].has(placed[side].instance, part);

@@ -11,6 +11,7 @@ use crate::scene::walk::SceneView;
 use crate::structure::nearest::{PointFrame, at_most, sort_nearest_last, squared_to_triangles, triangle_of};
 use crate::structure::{Eight, Place, Rooted, Tree};
 use glam::DVec3;
+use std::borrow::Cow;
 
 /// Where a walk has still to go, and a bound of the squared distance to all that is there.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -77,7 +78,7 @@ pub(super) struct Scratch {
 /// The placed tree that a walk is in.
 struct Inside<'a> {
     index: u32,
-    placed: &'a Placed,
+    placed: Cow<'a, Placed>,
     tree: Tree<'a>,
     frame: PointFrame,
     /// Distances to boxes and triangles of the tree are exact within this.
@@ -124,9 +125,9 @@ impl<'a> Walker<'a> {
 
     #[inline(always)]
     fn enter(&self, index: u32, p: DVec3, best: f64) -> Inside<'a> {
-        let placed = &self.scene().placement.placed[index as usize];
-        let frame = PointFrame::new(placed.frame_around(p), placed.local_point(p), [placed.shrink, placed.stretch]);
-        let slack = slack_of(placed, p);
+        let placed = self.scene().placed(index);
+        let frame = PointFrame::new(placed.frame_around(p), placed.local_point(p), [placed.shrink(), placed.stretch]);
+        let slack = slack_of(&placed, p);
         let (tree, is_whole) = (self.among.tree(self.view, index), self.among.is_whole(index));
         Inside { index, placed, tree, frame, slack, limit: limit(best, slack), is_whole }
     }
@@ -177,7 +178,7 @@ impl<'a> Walker<'a> {
     fn open_top<const BOXES: bool>(&self, p: DVec3, node: NodeRef, best: &mut Best, stack: &mut Vec<Entry>) {
         match node.target() {
             Target::Placed(index) if self.among.enters(index) => {
-                let placed = &self.scene().placement.placed[index as usize];
+                let placed = self.scene().placed(index);
                 if BOXES && self.among.is_whole(index) {
                     let far = (placed.bounds.max - p).abs().max((placed.bounds.min - p).abs());
                     around(best, far.dot(far), (placed.bounds.min + placed.bounds.max) * 0.5 - p);
@@ -247,7 +248,7 @@ impl<'a> Walker<'a> {
         if squared == best.squared
             && let Some(other) = best.ties.first()
         {
-            let instance = |placed: u32| self.scene().placement.placed[placed as usize].instance;
+            let instance = |placed: u32| self.scene().ids_of(placed).instance;
             let (own, other) = ((now.placed.instance, part), (instance(other.placed), other.part));
             if own > other {
                 return;
@@ -288,8 +289,8 @@ impl<'a> Walker<'a> {
         left.retain(|entry| match entry.at {
             At::Top(_) => true,
             At::In(index, _) => {
-                let placed = &self.scene().placement.placed[index as usize];
-                entry.squared <= limit(squared, slack_of(placed, p))
+                let placed = self.scene().placed(index);
+                entry.squared <= limit(squared, slack_of(&placed, p))
             }
         });
     }
@@ -298,7 +299,7 @@ impl<'a> Walker<'a> {
     pub fn least(&self, p: DVec3, left: &[Entry]) -> f64 {
         let of = |entry: &Entry| {
             let slack = match entry.at {
-                At::In(index, _) => slack_of(&self.scene().placement.placed[index as usize], p),
+                At::In(index, _) => slack_of(&self.scene().placed(index), p),
                 At::Top(_) => 0.0,
             };
             (entry.squared.sqrt() * (1.0 - 1e-12) - slack).max(0.0)
