@@ -89,7 +89,9 @@ fn both(context: &Context, files: [&Built; 2], form: usize, count: usize) -> [Sc
         scenes[0].add_instance(&models[prototype_of[i] as usize], FIRST + i as u64, *map).expect("an instance");
     }
     let prototypes = models.to_vec();
-    scenes[1].add_instances(&Instances { prototypes, prototype_of, transforms, first_id: FIRST }).expect("instances");
+    scenes[1]
+        .add_instances(&Instances { prototypes, prototype_of, transforms, first_id: FIRST, mask: u32::MAX })
+        .expect("instances");
     for scene in &scenes {
         let mut rng = Rng::new(9);
         for id in (FIRST..FIRST + count as u64).filter(|_| rng.one_in(4)) {
@@ -97,7 +99,8 @@ fn both(context: &Context, files: [&Built; 2], form: usize, count: usize) -> [Sc
             let look = Look { visible: id % 5 != 0, colour: Some([1.0, 0.2, 0.0, 1.0]), selected: id % 2 == 0 };
             scene.set_instance_look(id, look).expect("a look");
         }
-        let (hidden, part) = (Look { visible: false, ..Look::default() }, models[0].parts().iter().last().expect("one"));
+        let (hidden, part) =
+            (Look { visible: false, ..Look::default() }, models[0].parts().iter().last().expect("one"));
         scene.set_parts_look(FIRST, &[part.id], Scope::Own, hidden).expect("a look");
         scene.commit().expect("a commit");
     }
@@ -109,7 +112,8 @@ fn rays(count: usize) -> Vec<Ray> {
     let (low, high) = (DVec3::new(-side, -side, -1.0), DVec3::new(side, side, 1.0));
     (0..1500)
         .map(|i| {
-            let (eye, to) = (rng.inside(low * 1.5 - DVec3::Z * 9.0, high * 1.5 + DVec3::Z * 9.0), rng.inside(low, high));
+            let (eye, to) =
+                (rng.inside(low * 1.5 - DVec3::Z * 9.0, high * 1.5 + DVec3::Z * 9.0), rng.inside(low, high));
             let cone = if i % 3 == 0 { Cone { a: 0.02, b: 0.02 } } else { Cone::ZERO };
             let mask = if i % 5 == 0 { 2 } else { u32::MAX };
             Ray { cone, mask, ..Ray::new(eye, (to - eye).as_vec3().normalize()) }
@@ -211,6 +215,7 @@ fn wrong_arrays_are_refused() {
         prototype_of: Arc::new([]),
         transforms: Transforms::Affine(vec![DAffine3::IDENTITY; 4].into()),
         first_id: 6,
+        mask: u32::MAX,
     };
     let with = |edit: &dyn Fn(&mut [DAffine3])| {
         let mut maps = vec![DAffine3::IDENTITY; 4];
@@ -264,7 +269,8 @@ fn wrong_arrays_are_refused() {
 fn arrays_count_against_the_budget() {
     let file = built::parts(&[Part::white(5, scenes::cuboid(DVec3::ZERO, DVec3::ONE))]);
     let budget = 64 << 20;
-    let context = Context::new(ContextOptions { memory_budget: budget, threads: 0, ..ContextOptions::default() }).expect("a context");
+    let context = Context::new(ContextOptions { memory_budget: budget, threads: 0, ..ContextOptions::default() })
+        .expect("a context");
     let (model, scene) = (Model::open(&context, &file.path).expect("a model"), Scene::new(&context));
     model.load(&Cancel::new()).expect("it loads");
     let of = |count: usize, first_id| {
@@ -277,7 +283,7 @@ fn arrays_count_against_the_budget() {
             })
             .collect();
         let transforms = Transforms::Places(places.into());
-        Instances { prototypes: vec![model.clone()], prototype_of: Arc::new([]), transforms, first_id }
+        Instances { prototypes: vec![model.clone()], prototype_of: Arc::new([]), transforms, first_id, mask: u32::MAX }
     };
     let before = context.memory_used();
     scene.add_instances(&of(100_000, 0)).expect("instances");

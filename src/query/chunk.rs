@@ -180,7 +180,7 @@ impl Chunk {
                 Rest::default()
             } else {
                 self.seen.answer(
-                    &InTree::new(view, placed, &view.scene.placed(placed)),
+                    &InTree { view, number: placed, placed: &view.scene.placed(placed) },
                     task.want,
                     rays,
                     &found,
@@ -260,7 +260,14 @@ impl Chunk {
         if met == 0 {
             Rest::default()
         } else {
-            seen.answer(&InTree::new(view, placed, &view.scene.placed(placed)), want, rays, &*group, met, out)
+            seen.answer(
+                &InTree { view, number: placed, placed: &view.scene.placed(placed) },
+                want,
+                rays,
+                &*group,
+                met,
+                out,
+            )
         }
     }
 
@@ -433,8 +440,14 @@ fn answer_by_trees(
         let like = bits(left).filter(|&i| found[i].placed == placed).fold(0, |all, i| all | 1 << i);
         left &= !like;
         if like.count_ones() > FEW {
-            let more =
-                seen.answer(&InTree::new(view, placed, &view.scene.placed(placed)), want, rays, found, like, hits);
+            let more = seen.answer(
+                &InTree { view, number: placed, placed: &view.scene.placed(placed) },
+                want,
+                rays,
+                found,
+                like,
+                hits,
+            );
             (rest.outside, rest.lacking) = (rest.outside | more.outside, rest.lacking | more.lacking);
             continue;
         }

@@ -93,6 +93,8 @@ pub struct Instances {
     pub transforms: Transforms,
     /// The id of the first instance; each further one has the next higher id.
     pub first_id: u64,
+    /// They are visible to rays with a common bit in their masks.
+    pub mask: u32,
 }
 
 /// The content of an array in a scene.
@@ -106,7 +108,7 @@ pub(super) struct Array {
 impl Array {
     /// Checks the instances. Fails with `BadArgument`, which names the first that is wrong.
     pub fn new(instances: &Instances) -> Result<Self> {
-        let Instances { prototypes, prototype_of, transforms, first_id } = instances;
+        let Instances { prototypes, prototype_of, transforms, first_id, .. } = instances;
         let bad = |why: String| Err(Error::bad_argument(format!("instances: {why}")));
         let count = transforms.len();
         if count == 0 || prototypes.is_empty() {
@@ -123,8 +125,11 @@ impl Array {
         if first_id.checked_add(count as u64).is_none() {
             return bad(format!("{count} ids from {first_id} on are too many"));
         }
-        if let Some((i, error)) = (0..count).find_map(|i| transforms.check(i).err().map(|error| (i, error))) {
-            return bad(format!("instance {i}: {error}"));
+        for i in 0..count {
+            match transforms.check(i) {
+                Err(Error::BadArgument(why)) => return bad(format!("instance {i}: {why}")),
+                other => other?,
+            }
         }
         let (prototype_of, transforms) = (Arc::clone(prototype_of), transforms.clone());
         Ok(Self { prototype_of, transforms, first_id: *first_id })

@@ -146,7 +146,8 @@ impl Scene {
         let memory = self.context.residency().keep("an array of instances", array.bytes())?;
         let mut draft = self.draft();
         draft.check_new(array.first_id, array.len().into())?;
-        let (common, models) = (DraftState::plain(&draft.plain), instances.prototypes.clone());
+        let common = DraftState { mask: instances.mask, ..DraftState::plain(&draft.plain) };
+        let models = instances.prototypes.clone();
         draft.arrays.push(DraftArray { array, models, common, own: HashMap::new(), memory });
         draft.moved = true;
         Ok(())

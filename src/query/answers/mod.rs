@@ -39,11 +39,6 @@ pub(crate) struct InTree<'a> {
 }
 
 impl<'a> InTree<'a> {
-    /// The placed tree `number`, which is `placed`.
-    pub fn new(view: &'a SceneView<'a>, number: u32, placed: &'a Placed) -> Self {
-        Self { view, number, placed }
-    }
-
     #[inline(always)]
     pub fn tree(&self) -> Tree<'a> {
         self.view.tree(self.number)
@@ -565,14 +560,9 @@ pub(super) fn answer_one_in(
 ) -> Result<bool, Need> {
     use std::slice::from_ref;
     let out = std::array::from_mut(hit);
-    let rest = seen.answer(
-        &InTree::new(view, found.placed, &view.scene.placed(found.placed)),
-        want,
-        from_ref(ray),
-        from_ref(found),
-        1,
-        out,
-    );
+    let (number, placed) = (found.placed, view.scene.placed(found.placed));
+    let at = InTree { view, number, placed: &placed };
+    let rest = seen.answer(&at, want, from_ref(ray), from_ref(found), 1, out);
     if rest.lacking != 0 { Err(lacking(view, found.placed, &found.tri, want)) } else { Ok(rest.outside == 0) }
 }
 

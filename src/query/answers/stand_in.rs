@@ -438,7 +438,7 @@ pub(crate) fn look<'a>(view: &'a SceneView<'a>, ray: &'a Ray, found: &'a Found) 
     found.tri.stand_in()?;
     let mut look = Look { t: 0.0, view, ray, found, placed: view.scene.placed(found.placed), one: StandIns::NONE };
     let gone = look.one.look(
-        &InTree::new(view, found.placed, &look.placed),
+        &InTree { view, number: found.placed, placed: &look.placed },
         &view.tree(found.placed),
         1,
         |_| ray.dir,
