@@ -932,6 +932,12 @@ typedef struct oc_hit {
      * stand-ins, it is `normal`. Miss: 0.
      */
     float shading_normal[3];
+    /**
+     * Number of the place at which the mesh was hit, with OC_WANT_INSTANCE: it tells the places of one mesh in an
+     * instance apart, and the instances of scenes in scenes (oc_scene_get_path). It holds for the commit. Miss:
+     * OC_NO_ID.
+     */
+    uint64_t occurrence;
 } oc_hit;
 
 /** A ray in single precision, in world space. */
@@ -2858,6 +2864,52 @@ oc_status oc_scene_add_instances(struct oc_scene *scene,
 OC_API
 oc_status oc_scene_remove_instances(struct oc_scene *scene,
                                     uint64_t first_id);
+
+/**
+ * Adds a scene to a scene as an instance. Takes effect at oc_scene_commit.
+ *
+ * Each commit of `scene` takes `inner` as it was committed last. Its lights and its background are left out. Scenes
+ * may be in scenes to any depth, and one scene any number of times. What is in `inner` counts as placed meshes of
+ * `scene` each time, 130 bytes each. The mask and the look of the instance apply to all in it: colours that `inner` sets have
+ * precedence. Its parts have looks in `inner` only.
+ *
+ * - `inner`: another scene of the same context.
+ * - `id`: the caller's own id. Must be unique in the scene and not OC_NO_ID. Hits return it as their instance.
+ * - `world_from_inner`: transform of 12 doubles, finite and invertible. NULL: the identity.
+ *
+ * Errors: OC_STATUS_INVALID_ARGUMENT if an argument is not as documented, or `inner` is or holds `scene`.
+ *
+ * Ownership: `scene` keeps `inner` alive.
+ * Thread safety: any thread. Cheap.
+ */
+OC_API
+oc_status oc_scene_add_scene(struct oc_scene *scene,
+                             const struct oc_scene *inner,
+                             uint64_t id,
+                             const double *world_from_inner);
+
+/**
+ * Returns the way to what a hit met: the ids of the instances from the outermost to the innermost. An instance that is
+ * in no other scene has one.
+ *
+ * - `occurrence`: `oc_hit.occurrence` of a hit since the last commit.
+ * - `out_ids`: receives the ids. NULL if `capacity` is 0.
+ * - `capacity`: number of ids that `out_ids` has room for.
+ * - `out_count`: receives the number of ids, also with OC_STATUS_BUFFER_TOO_SMALL.
+ * - `out_world_from_model`: receives 12 doubles, the transform of the innermost instance to the world. NULL: ignored.
+ *
+ * Errors: OC_STATUS_INVALID_ARGUMENT if the scene has no such occurrence; OC_STATUS_BUFFER_TOO_SMALL if
+ * `capacity` is not 0 and below the number of ids.
+ *
+ * Thread safety: any thread. Cheap.
+ */
+OC_API
+oc_status oc_scene_get_path(const struct oc_scene *scene,
+                            uint64_t occurrence,
+                            uint64_t *out_ids,
+                            uint64_t capacity,
+                            uint64_t *out_count,
+                            double *out_world_from_model);
 
 /**
  * Sets the look of an instance. Takes effect at oc_scene_commit.
