@@ -2853,6 +2853,29 @@ oc_status oc_scene_add_instances(struct oc_scene *scene,
                                  const struct oc_instances *instances);
 
 /**
+ * Moves instances of an array. Takes effect at oc_scene_commit.
+ *
+ * - `first_id`: id of the first; each further one has the next higher id. All are of one array.
+ * - `form`: that of the array's transforms.
+ * - `transforms`: the new transforms, as in oc_instances.
+ * - `count`: number of transforms.
+ * - `stride`: bytes from one transform to the next. 0: tightly packed.
+ *
+ * Errors: OC_STATUS_INVALID_ARGUMENT if an argument is not as documented: the message names the first transform that
+ * is wrong; OC_STATUS_OVER_BUDGET if the budget has no room for a copy of the array, which jobs in flight and the last
+ * commit need. Nothing has then moved.
+ *
+ * Thread safety: any thread. Takes time in proportion to the number of instances of the array.
+ */
+OC_API
+oc_status oc_scene_set_transforms(struct oc_scene *scene,
+                                  uint64_t first_id,
+                                  oc_transform_form form,
+                                  const void *transforms,
+                                  uint64_t count,
+                                  uint64_t stride);
+
+/**
  * Removes all instances that one call of oc_scene_add_instances added. Takes effect at oc_scene_commit.
  *
  * - `first_id`: id of the first of them.

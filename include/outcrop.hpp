@@ -414,6 +414,11 @@ class scene : public scene_handle {
         all.transforms = transforms.data(), all.count = transforms.size(), all.first_id = first_id;
         add_instances(all);
     }
+    /// Moves instances of an array with consecutive ids.
+    template <class Transform>
+    void set_transforms(std::uint64_t first_id, const std::vector<Transform> &transforms) {
+        check(oc_scene_set_transforms(get(), first_id, form_of(transforms.data()), transforms.data(), transforms.size(), 0));
+    }
     void add_instances(const oc_instances &all) { check(oc_scene_add_instances(get(), &all)); }
     void add_scene(const scene &inner, std::uint64_t id, const double *world_from_inner = nullptr) {
         check(oc_scene_add_scene(get(), inner.get(), id, world_from_inner));

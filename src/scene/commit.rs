@@ -129,12 +129,18 @@ impl Placing {
             bytes += trees * size_of::<Measures>() + starts * size_of::<u32>() + prototypes as usize;
             count += trees;
         }
+        let of_arrays = draft.arrays.iter().map(|it| it.array.len() as usize);
+        let of_scenes = scenes.iter().map(|it| it.instance_count());
+        let instances: usize = of_arrays.chain(of_scenes).fold(draft.instances.len(), usize::saturating_add);
         for it in scenes {
             count = count.saturating_add(it.placement.len());
             bytes += it.placement.len() * size_of::<Measures>() + it.models.len() * size_of::<u32>();
         }
         if count >= 1 << 31 {
             return Err(Error::bad_argument("a scene must have fewer than 2^31 placed trees"));
+        }
+        if instances >= 1 << 31 {
+            return Err(Error::bad_argument("a scene must have fewer than 2^31 instances"));
         }
         Ok(Self { singles, count, bytes: (bytes + count * Self::BUILD) as u64 })
     }

@@ -71,7 +71,7 @@ pub(super) struct DraftArray {
     /// The state of members that have none of their own.
     pub common: DraftState,
     pub own: HashMap<u32, DraftState>,
-    /// For the array, and for the states of its own.
+    /// For the states of its own.
     pub(super) memory: Kept,
 }
 
@@ -178,8 +178,7 @@ impl Draft {
         let Some((array, member)) = self.member(id) else { return Ok(&mut self.instance(id)?.state) };
         let it = &mut self.arrays[array];
         if !it.own.contains_key(&member) {
-            let bytes = it.array.bytes() + ((it.own.len() + 1) * OWN) as u64;
-            it.memory.grow_to(context.residency(), looks::WHAT, bytes)?;
+            it.memory.grow_to(context.residency(), looks::WHAT, ((it.own.len() + 1) * OWN) as u64)?;
         }
         Ok(it.own.entry(member).or_insert_with(|| it.common.clone()))
     }

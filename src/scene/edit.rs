@@ -1,6 +1,6 @@
 //! A scene: instances, lights and looks of parts. Edits are free at any time; jobs see them only after a commit.
 
-use super::array::{Array, Instances};
+use super::array::{Array, Instances, Transforms};
 use super::context::Context;
 use super::draft::{Draft, DraftArray, DraftScene, DraftState, Draftee};
 use super::light::{Background, Light};
@@ -100,13 +100,12 @@ impl Scene {
         if !instances.prototypes.iter().all(|model| model.context().same(&self.0.context)) {
             return Err(Error::bad_argument("a prototype belongs to another context"));
         }
-        let array = Arc::new(Array::new(instances)?);
-        let memory = self.0.context.residency().keep("an array of instances", array.bytes())?;
+        let array = Arc::new(Array::new(instances, self.0.context.residency())?);
         let mut draft = self.draft();
         draft.check_new(array.first_id, array.len().into())?;
         let common = DraftState { mask: instances.mask, ..DraftState::plain(&draft.plain) };
         let models = instances.prototypes.clone();
-        draft.arrays.push(DraftArray { array, models, common, own: HashMap::new(), memory });
+        draft.arrays.push(DraftArray { array, models, common, own: HashMap::new(), memory: Kept::default() });
         draft.moved = true;
         Ok(())
     }
@@ -196,10 +195,30 @@ impl Scene {
         if let Some(it) = draft.scene(id) {
             it.world_from_scene = world_from_model;
         } else if let Some((array, member)) = draft.member(id) {
-            Arc::make_mut(&mut draft.arrays[array].array).set(member, world_from_model)?;
+            let array = &mut draft.arrays[array].array;
+            let transforms = array.in_form(&world_from_model)?;
+            Array::replace(array, member, &transforms, self.0.context.residency())?;
         } else {
             draft.instance(id)?.world_from_model = world_from_model;
         }
+        draft.moved = true;
+        Ok(())
+    }
+
+    /// Moves instances of an array with consecutive ids, the first with the id `first_id`. The transforms have the form
+    /// of the array's. Fails with `BadArgument` if they are not all of one array, or for the first transform that is
+    /// wrong, and with `OverBudget`. After a failure nothing has moved.
+    pub fn set_transforms(&self, first_id: u64, transforms: &Transforms) -> Result<()> {
+        let mut draft = self.draft();
+        let Some((array, member)) = draft.member(first_id) else {
+            return Err(Error::bad_argument(format!("instance {first_id} is of no array")));
+        };
+        let array = &mut draft.arrays[array].array;
+        if transforms.len() > (array.len() - member) as usize {
+            let (count, left) = (transforms.len(), array.len() - member);
+            return Err(Error::bad_argument(format!("{count} transforms, but {left} instances from {first_id} on")));
+        }
+        Array::replace(array, member, transforms, self.0.context.residency())?;
         draft.moved = true;
         Ok(())
     }

@@ -887,6 +887,18 @@ static oc_scene *scenes(oc_context *c) {
     INVALID(oc_scene_set_transform(s0, 20, places[0])); /* it has a place */
     OK(oc_scene_set_transform(s0, 11, places[0]));
     OK(oc_scene_set_instance_mask(s0, 11, 2));
+    INVALID(oc_scene_set_transforms(NULL, 10, OC_TRANSFORM_AFFINE_F64, places, 2, 0));
+    INVALID(oc_scene_set_transforms(s0, 1, OC_TRANSFORM_AFFINE_F64, places, 1, 0)); /* of no array */
+    INVALID(oc_scene_set_transforms(s0, 11, OC_TRANSFORM_AFFINE_F64, places, 2, 0)); /* only one from there on */
+    INVALID(oc_scene_set_transforms(s0, 10, OC_TRANSFORM_AFFINE_F32, places, 2, 0)); /* another form */
+    INVALID(oc_scene_set_transforms(s0, 10, 7, places, 2, 0));
+    INVALID(oc_scene_set_transforms(s0, 10, OC_TRANSFORM_AFFINE_F64, NULL, 2, 0));
+    INVALID(oc_scene_set_transforms(s0, 10, OC_TRANSFORM_AFFINE_F64, places, UINT64_MAX, 0));
+    INVALID(oc_scene_set_transforms(s0, 10, OC_TRANSFORM_AFFINE_F64, places, 2, 95));
+    INVALID(oc_scene_set_transforms(s0, 10, OC_TRANSFORM_AFFINE_F64, singular, 1, 0));
+    OK(oc_scene_set_transforms(s0, 10, OC_TRANSFORM_AFFINE_F64, places, 2, 0));
+    OK(oc_scene_set_transforms(s0, 10, OC_TRANSFORM_AFFINE_F64, NULL, 0, 0));
+    OK(oc_scene_set_transforms(s0, 20, OC_TRANSFORM_PLACE, &place, 1, sizeof place));
     INVALID(oc_scene_remove_instances(NULL, 10));
     INVALID(oc_scene_remove_instances(s0, 11));
     OK(oc_scene_remove_instances(s0, 10));

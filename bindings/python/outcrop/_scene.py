@@ -115,6 +115,14 @@ class Scene(Queries, Clashes, Distances):
         place[:3] = numpy.array(world).reshape(4, 3).T
         return list(listed), place
 
+    def set_transforms(self, first_id: int, transforms: ArrayLike) -> None:
+        """Moves instances of an array, with the ids first_id, first_id + 1, ...
+
+        transforms: as for `add_instances`, with the dtype of the array's.
+        """
+        packed, form = transforms_of("transforms", transforms)
+        lib.oc_scene_set_transforms(self._h, whole("first_id", first_id), form, address(packed), len(packed), 0)
+
     def remove_instances(self, first_id: int) -> None:
         """Removes all instances that one `add_instances` added, given by the first id."""
         lib.oc_scene_remove_instances(self._h, whole("first_id", first_id))

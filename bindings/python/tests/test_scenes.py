@@ -67,6 +67,12 @@ def test_arrays_of_instances(context: outcrop.Context, tetra: outcrop.Model) -> 
             hits = scene.closest(over, DOWN)
             assert [i for i in range(count) if hits[i]["kind"] == 0] == [3]
             with scene.edit():
+                scene.set_transforms(110, transforms[20:30])
+            assert scene.closest(over, DOWN)["instance"].tolist()[20:22] in ([110, 111], [120, 121])
+            assert not scene.closest(over[10:20], DOWN)["kind"].any()
+            with pytest.raises(outcrop.ArgumentError, match="50 transforms, but 40 instances from 110 on"):
+                scene.set_transforms(110, transforms)
+            with scene.edit():
                 scene.add_instances([tetra, tetra], transforms, model_of=numpy.arange(count) % 2, first_id=1000)
                 scene.remove_instances(100)
             assert scene.closest(over, DOWN)["instance"].tolist() == list(range(1000, 1000 + count))
