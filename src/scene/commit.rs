@@ -1,8 +1,8 @@
 //! The commit of a scene: the placement of all trees, and the states of all instances.
 
-use super::draft::{Draft, DraftArray, DraftState};
+use super::draft::{Draft, DraftArray, DraftScene, DraftState};
 use super::edit::Scene;
-use super::looks::{Look, PartsShown};
+use super::looks::PartsShown;
 use super::model::Model;
 use super::placed::{Measures, Placed};
 use super::placement::{PlacedArray, PlacedIds, PlacedScene, Placement, Prototype};
@@ -14,6 +14,9 @@ use crate::math::DBounds;
 use crate::residency::{UNCOUNTED, counted};
 use std::sync::Arc;
 
+/// Bytes of the entries of a scene in the maps of the draft, which may be half empty.
+const INDEX: usize = 64;
+
 impl Scene {
     pub(super) fn next_state(&self, draft: &mut Draft) -> Result<SceneState> {
         draft.close_gaps();
@@ -23,7 +26,11 @@ impl Scene {
         let are_same = scenes.len() == placed.scenes.len()
             && scenes.iter().zip(&placed.scenes).all(|(it, placed)| Arc::ptr_eq(it, &placed.scene));
         draft.moved |= !are_same;
-        let bytes = (draft.instances.len() * (size_of::<Instance>() + size_of::<InstanceState>())) as u64;
+        let of_singles = draft.instances.len() * (size_of::<Instance>() + size_of::<InstanceState>());
+        let of_scenes = draft.scenes.len() * (size_of::<DraftScene>() + size_of::<PlacedScene>() + INDEX);
+        let under = draft.scenes.values().zip(&scenes).filter(|(it, _)| !it.state.is_plain());
+        let of_states: u64 = under.map(|(_, scene)| scene.states.bytes()).sum();
+        let bytes = (of_singles + of_scenes) as u64 + of_states;
         let placing = if draft.moved { Placing::of(draft, &scenes)? } else { Placing::default() };
         let of_looks = |model: &Model, it: &DraftState| {
             if it.has_new_looks() { PartsShown::bytes(model, &it.parts) } else { it.shown.took }
@@ -67,8 +74,8 @@ impl Scene {
         };
         states.arrays = draft.arrays.iter().map(of_members).collect();
         let of_scene = |it: &PlacedScene, state: &DraftState| {
-            let (plain, inner) = (state.mask == u32::MAX && state.look == Look::default(), &it.scene.states);
-            if plain { Arc::clone(inner) } else { Arc::new(inner.under(&state.committed())) }
+            let inner = &it.scene.states;
+            if state.is_plain() { Arc::clone(inner) } else { Arc::new(inner.under(&state.committed())) }
         };
         let models_in: Vec<Vec<u32>> = scenes.iter().map(|it| it.models.iter().map(&mut index_of).collect()).collect();
         let placement = if draft.moved {

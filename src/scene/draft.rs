@@ -92,6 +92,11 @@ impl DraftState {
         InstanceState { mask: self.mask, look: self.look, parts: Arc::clone(&self.shown) }
     }
 
+    /// True if it shows all as it is.
+    pub fn is_plain(&self) -> bool {
+        self.mask == u32::MAX && self.look == Look::default()
+    }
+
     /// True if looks of parts were edited since the last commit.
     pub fn has_new_looks(&self) -> bool {
         !Arc::ptr_eq(&self.parts, &self.shown.looks)

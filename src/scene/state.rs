@@ -74,6 +74,14 @@ impl States {
         }
     }
 
+    /// Bytes of memory, without the looks of parts.
+    pub fn bytes(&self) -> u64 {
+        let of_arrays = self.arrays.iter().map(|it| (1 + 2 * it.own.len()) * size_of::<ArrayStates>());
+        let own =
+            (size_of::<Self>() + self.singles.len() * size_of::<InstanceState>() + of_arrays.sum::<usize>()) as u64;
+        own + self.scenes.iter().map(|it| it.bytes()).sum::<u64>()
+    }
+
     /// All states.
     pub fn all(&self) -> Box<dyn Iterator<Item = &InstanceState> + '_> {
         let of_arrays = self.arrays.iter().flat_map(|it| it.own.values().chain([&it.common]));
