@@ -206,7 +206,7 @@ impl Placing {
         placement.top = TopTree::build(&hits)?;
         drop(hits);
         // The boxes are needed for the tree only.
-        memory.shrink_to(self.bytes - (self.count * size_of::<DBounds>()) as u64);
+        memory.shrink_to(self.bytes - (self.count * (size_of::<DBounds>() + TopTree::WORKING)) as u64);
         (placement.bounds, placement.position_error, placement._memory) = (around, position_error, memory);
         Ok(placement)
     }
