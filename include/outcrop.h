@@ -802,6 +802,38 @@ typedef struct oc_background {
     float top[4];
 } oc_background;
 
+/** Form of the transforms of an array, from model to world space. */
+typedef uint32_t oc_transform_form;
+
+/** Many instances of a few models. OC_INIT and the prototypes, the transforms and their count are the least. */
+typedef struct oc_instances {
+    /** Size of this struct in bytes; OC_INIT sets it. */
+    uint32_t struct_size;
+    /** Form of `transforms`. */
+    oc_transform_form form;
+    /** The models, all of the scene's context. Not NULL. */
+    const struct oc_model *const *prototypes;
+    /** Number of prototypes, at least 1. */
+    uint64_t prototype_count;
+    /** Index among the prototypes of each instance's model, tightly packed. NULL: all are of the first. */
+    const uint32_t *prototype_of;
+    /** The transform of each instance, finite and invertible. */
+    const void *transforms;
+    /** Bytes from one transform to the next. 0: tightly packed. */
+    uint64_t stride;
+    /** Number of instances, from 1 to below 2^31. */
+    uint64_t count;
+    /**
+     * Id of the first instance; each further one has the next higher id. None may be of another instance of the scene,
+     * nor OC_NO_ID.
+     */
+    uint64_t first_id;
+    /** A ray of a batch can hit the instances only if its mask has a common bit with this one. 0: all bits. */
+    uint32_t mask;
+    /** Must be 0. */
+    uint32_t reserved;
+} oc_instances;
+
 /** Flags of oc_look: how an instance or a part is shown. */
 typedef uint32_t oc_look_flags;
 
@@ -1523,6 +1555,18 @@ typedef struct oc_pixels {
     struct oc_mapping *mapping;
 } oc_pixels;
 
+/** A position with a rotation and a scale. Element of an array. */
+typedef struct oc_place {
+    /** Place of the model's origin in world space. Finite. */
+    double position[3];
+    /** Quaternion x, y, z, w of the rotation, applied after the scale. Finite and not zero; need not be unit. */
+    float rotation[4];
+    /** Scale along all axes. Finite and not 0. Below 0 it mirrors at the model's origin. */
+    float scale;
+    /** Must be 0. */
+    uint32_t reserved;
+} oc_place;
+
 /** Success. */
 #define OC_STATUS_OK 0
 
@@ -1791,6 +1835,15 @@ typedef struct oc_pixels {
 
 /** Infinitely far away. */
 #define OC_LIGHT_DIRECTIONAL 2
+
+/** 12 doubles by column: the images of the three axes, then the translation. As for oc_scene_add_instance. */
+#define OC_TRANSFORM_AFFINE_F64 0
+
+/** The same in 12 floats, for models near zero. */
+#define OC_TRANSFORM_AFFINE_F32 1
+
+/** An oc_place. */
+#define OC_TRANSFORM_PLACE 2
 
 /**
  * Hidden: no ray hits it. A part of opacity 0 looks the same, but rays hit it: hide the parts that picks and queries
@@ -2772,6 +2825,39 @@ OC_API void oc_scene_retain(struct oc_scene *scene);
  */
 OC_API
 void oc_scene_release(struct oc_scene *scene);
+
+/**
+ * Adds many instances of a few models at once. Takes effect at oc_scene_commit.
+ *
+ * The arrays are copied: 96 bytes for an affine transform in doubles, 48 for the other forms, 4 for an index of a
+ * prototype. A commit adds 16 bytes, and some 120 for the tree over all instances. The members of the array are
+ * instances like those of oc_scene_add_instance, but none can be removed alone or given another model, and one with an
+ * oc_place takes no other transform. A mask or a look that is set for one of them takes memory for that one.
+ *
+ * - `instances`: models, transforms and ids.
+ *
+ * Errors: OC_STATUS_INVALID_ARGUMENT if a member is not as documented: the message names the first instance that is
+ * wrong; OC_STATUS_OVER_BUDGET if the budget has no room for the array. Nothing is then added.
+ *
+ * Ownership: the scene keeps the models alive; the arrays are not used after the call.
+ * Thread safety: any thread. Takes time in proportion to the number of instances.
+ */
+OC_API
+oc_status oc_scene_add_instances(struct oc_scene *scene,
+                                 const struct oc_instances *instances);
+
+/**
+ * Removes all instances that one call of oc_scene_add_instances added. Takes effect at oc_scene_commit.
+ *
+ * - `first_id`: id of the first of them.
+ *
+ * Errors: OC_STATUS_INVALID_ARGUMENT if no call added instances from that id on.
+ *
+ * Thread safety: any thread. Cheap.
+ */
+OC_API
+oc_status oc_scene_remove_instances(struct oc_scene *scene,
+                                    uint64_t first_id);
 
 /**
  * Sets the look of an instance. Takes effect at oc_scene_commit.

@@ -404,6 +404,18 @@ class scene : public scene_handle {
     void add_instance(const model &m, std::uint64_t id, const double *world_from_model = nullptr) {
         check(oc_scene_add_instance(get(), m.get(), id, world_from_model));
     }
+    /// Adds many instances of one model; `Transform` is oc_place, std::array<double, 12> or std::array<float, 12>.
+    template <class Transform>
+    void add_instances(const model &m, const std::vector<Transform> &transforms, std::uint64_t first_id) {
+        auto all = init<oc_instances>();
+        const oc_model *prototype = m.get();
+        all.form = form_of(transforms.data());
+        all.prototypes = &prototype, all.prototype_count = 1;
+        all.transforms = transforms.data(), all.count = transforms.size(), all.first_id = first_id;
+        add_instances(all);
+    }
+    void add_instances(const oc_instances &all) { check(oc_scene_add_instances(get(), &all)); }
+    void remove_instances(std::uint64_t first_id) { check(oc_scene_remove_instances(get(), first_id)); }
     void remove_instance(std::uint64_t id) { check(oc_scene_remove_instance(get(), id)); }
     void set_transform(std::uint64_t id, const double *world_from_model) {
         check(oc_scene_set_transform(get(), id, world_from_model));
@@ -565,6 +577,11 @@ class scene : public scene_handle {
         query.flags = flags;
         return query;
     }
+
+  private:
+    static oc_transform_form form_of(const oc_place *) { return OC_TRANSFORM_PLACE; }
+    static oc_transform_form form_of(const std::array<double, 12> *) { return OC_TRANSFORM_AFFINE_F64; }
+    static oc_transform_form form_of(const std::array<float, 12> *) { return OC_TRANSFORM_AFFINE_F32; }
 };
 
 class frame : public frame_handle {

@@ -16,6 +16,7 @@ const SOURCES: &[&str] = &[
     "report.rs",
     "model.rs",
     "scene.rs",
+    "instances.rs",
     "looks.rs",
     "query.rs",
     "query_f32.rs",

@@ -10,6 +10,7 @@ use outcrop::capi::fit::{oc_fit, oc_part_ref};
 use outcrop::capi::frame::{oc_frame_accuracy, oc_frame_desc, oc_frame_settings};
 use outcrop::capi::geometry::oc_triangle;
 use outcrop::capi::inside::oc_part_at;
+use outcrop::capi::instances::{oc_instances, oc_place};
 use outcrop::capi::job::oc_progress;
 use outcrop::capi::looks::oc_look;
 use outcrop::capi::model::{oc_io, oc_model_info, oc_part_info};
@@ -75,6 +76,11 @@ fn layouts() -> Vec<Layout> {
         }
         oc_part_info {
             struct_size, parent, id, name, triangles, bounds_min, bounds_max, colour, metalness, roughness, flags,
+            reserved,
+        }
+        oc_place { position, rotation, scale, reserved }
+        oc_instances {
+            struct_size, form, prototypes, prototype_count, prototype_of, transforms, stride, count, first_id, mask,
             reserved,
         }
         oc_look { struct_size, flags, colour }

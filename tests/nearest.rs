@@ -7,6 +7,7 @@ use super::common::scenes::{self, rounded};
 use super::{World, cuboid, soup, world};
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 use outcrop::base::progress::Cancel;
+use outcrop::build::Structure;
 use outcrop::geom::distances::{point_triangle, triangle_triangle};
 use outcrop::import::generate::{GenerateOptions, generate};
 use outcrop::query::PartSet;
@@ -245,6 +246,22 @@ fn the_distance_of_sets_is_that_of_all_pairs() {
                 }
             }
         }
+    }
+}
+
+/// Walks read the places of any structure in rows of eight: those of large blocks are groups of what these hold.
+#[test]
+fn every_structure_gives_the_same_answers() {
+    let parts: Vec<_> = (1..=3).map(|id| Part::white(id, soup(&mut Rng::new(70 + id), 250, 0.1, 0.6))).collect();
+    let place = DAffine3::from_rotation_translation(DQuat::from_rotation_z(0.7), DVec3::new(1.9, 0.4, -0.3));
+    for structure in Structure::ALL {
+        built::with(structure, || {
+            let parts = parts.iter().map(|part| Part::white(part.id, part.tris.clone())).collect();
+            let both = world(vec![(parts, vec![DAffine3::IDENTITY, place])], 0);
+            assert_nearest(&both, &points(&mut Rng::new(71), 100, DVec3::ZERO, 1.0), structure.name());
+            assert!(assert_distance(&both, [100, 101], structure.name()).distance > 0.0);
+            assert!(both.assert_equals_brute(structure.name()) > 50);
+        });
     }
 }
 

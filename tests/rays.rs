@@ -1,5 +1,6 @@
 //! How rays are traced: single rays, packets, streams, bundles, intervals and queries, compared with double precision.
 
+mod arrays;
 mod bundles;
 mod closed_parts;
 mod common;

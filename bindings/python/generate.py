@@ -61,6 +61,7 @@ def clean(comment: str) -> str:
 def declarator(text: str, doc: str = "") -> Member:
     """Parses one declarator, e.g. `const double *eye` or `float colour[4]`."""
     text = re.sub(r"\b(const|struct)\b", "", " ".join(text.split())).strip()
+    text = re.sub(r"\*\s+(?=\*)", "*", text)
     found = re.fullmatch(r"(\w+)\s*(\**)\s*(\w+)(?:\[(\d+)\])?", text)
     if not found:
         raise SystemExit(f"{HEADER.name}: `{text}` is not understood")

@@ -22,6 +22,7 @@ pub mod geometry;
 pub(crate) mod guard;
 pub(crate) mod handles;
 pub mod inside;
+pub mod instances;
 pub mod job;
 pub mod looks;
 pub mod model;

@@ -28,9 +28,9 @@ impl<'a> Among<'a> {
             return Ok(among);
         }
         let members = Members::of(scene, set, name)?;
-        let mut bounds = Vec::with_capacity(scene.placement.placed.len());
-        for (placed, p) in (0..).zip(&scene.placement.placed) {
-            let (model, looks) = (&scene.models[p.model as usize], &scene.instances[p.instance as usize].parts.looks);
+        let mut bounds = Vec::with_capacity(scene.placement.len());
+        for (placed, p) in (0..).zip(scene.all_placed()) {
+            let (model, looks) = (&scene.models[p.model as usize], &scene.state_of(p.instance).parts.looks);
             let count = model.local_parts(p.tree);
             let has_any = members.has_any(p.instance, p.first_part, count);
             bounds.push(if has_any { p.bounds } else { DBounds::EMPTY });
@@ -55,8 +55,8 @@ impl<'a> Among<'a> {
     /// True if walks enter a placed tree.
     #[inline]
     pub fn enters(&self, placed: u32) -> bool {
-        let p = &self.scene.placement.placed[placed as usize];
-        let instance = &self.scene.instances[p.instance as usize];
+        let p = self.scene.placed(placed);
+        let instance = self.scene.state_of(p.instance);
         let is_hidden = |shown: &ShownBlocks| shown.lacks(shown.first_block);
         instance.look.visible && !p.bounds.is_empty() && !self.shown(placed).is_some_and(is_hidden)
     }
@@ -65,15 +65,15 @@ impl<'a> Among<'a> {
     #[inline]
     pub fn has(&self, instance: u32, part: u32) -> bool {
         self.members.as_ref().is_none_or(|members| members.has(instance, part))
-            && !self.scene.instances[instance as usize].parts.looks.hides(part)
+            && !self.scene.state_of(instance).parts.looks.hides(part)
     }
 
     /// True if all parts of a placed tree are visible members.
     #[inline]
     pub fn is_whole(&self, placed: u32) -> bool {
-        let instance = self.scene.placement.placed[placed as usize].instance;
+        let instance = self.scene.ids_of(placed).instance;
         self.members.as_ref().is_none_or(|members| members.has_all(instance))
-            && self.scene.instances[instance as usize].parts.looks.hidden.is_empty()
+            && self.scene.state_of(instance).parts.looks.hidden.is_empty()
     }
 
     fn shown(&self, placed: u32) -> Option<&ShownBlocks> {

@@ -3,9 +3,10 @@
 use super::answers::{answer_one, is_within, meet, missed};
 use super::hit::{Hit, Want};
 use crate::math::Ray;
-use crate::scene::placed::Placed;
+use crate::scene::SceneState;
 use crate::scene::walk::{Ends, Found, Need, SceneView, SceneWalk, Step};
 use crate::structure::Triangle;
+use std::fmt;
 
 /// Begins a walk for [`past`].
 #[cold]
@@ -36,7 +37,7 @@ pub(super) fn past(
     found: &mut Found,
     hit: &mut Hit,
 ) -> Result<(), Need> {
-    let judge = Judge { placed: &view.scene.placement.placed, ray };
+    let judge = Judge { scene: view.scene, ray };
     let view = SceneView { within: Some(&judge), ..*view };
     let step = if any { view.trace::<true>(ray, walk) } else { view.trace::<false>(ray, walk) };
     if let Step::Pending(need) = step {
@@ -52,15 +53,20 @@ pub(super) fn past(
 }
 
 /// Accepts the hits within a ray's interval, by the same test as [`answer_one`].
-#[derive(Debug)]
 struct Judge<'a> {
-    placed: &'a [Placed],
+    scene: &'a SceneState,
     ray: &'a Ray,
+}
+
+impl fmt::Debug for Judge<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        self.ray.fmt(f)
+    }
 }
 
 impl Ends for Judge<'_> {
     fn triangle(&self, placed: u32, triangle: &Triangle, t: f64) -> bool {
-        is_within(self.ray, meet(&self.placed[placed as usize], &triangle.vertices, self.ray, t).t)
+        is_within(self.ray, meet(&self.scene.placed(placed), &triangle.vertices, self.ray, t).t)
     }
     fn cell(&self, t: f64) -> bool {
         is_within(self.ray, t)

@@ -179,7 +179,14 @@ impl Chunk {
             let rest = if met == 0 {
                 Rest::default()
             } else {
-                self.seen.answer(&InTree::new(view, placed), task.want, rays, &found, met, out)
+                self.seen.answer(
+                    &InTree { view, number: placed, placed: &view.scene.placed(placed) },
+                    task.want,
+                    rays,
+                    &found,
+                    met,
+                    out,
+                )
             };
             if rest.is_none() {
                 return self.write(task, first, rays.len(), met, hits);
@@ -250,7 +257,18 @@ impl Chunk {
         let misses = if want.has(Want::ERROR) { group.behind_cells() & !met & first_rays(rays.len()) } else { 0 };
         let out = answers.begin(met, misses);
         bits(misses).for_each(|i| out[i] = missed(view, &rays[i], &group.found(i, false), want));
-        if met == 0 { Rest::default() } else { seen.answer(&InTree::new(view, placed), want, rays, &*group, met, out) }
+        if met == 0 {
+            Rest::default()
+        } else {
+            seen.answer(
+                &InTree { view, number: placed, placed: &view.scene.placed(placed) },
+                want,
+                rays,
+                &*group,
+                met,
+                out,
+            )
+        }
     }
 
     /// [`Chunk::answer`] of a group that was traced as one packet. `met`: the rays that hit something; `None` if some
@@ -422,7 +440,14 @@ fn answer_by_trees(
         let like = bits(left).filter(|&i| found[i].placed == placed).fold(0, |all, i| all | 1 << i);
         left &= !like;
         if like.count_ones() > FEW {
-            let more = seen.answer(&InTree::new(view, placed), want, rays, found, like, hits);
+            let more = seen.answer(
+                &InTree { view, number: placed, placed: &view.scene.placed(placed) },
+                want,
+                rays,
+                found,
+                like,
+                hits,
+            );
             (rest.outside, rest.lacking) = (rest.outside | more.outside, rest.lacking | more.lacking);
             continue;
         }

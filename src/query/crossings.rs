@@ -237,7 +237,7 @@ impl Few<'_> {
     fn finish(&mut self, end: usize, take: TakeMet) {
         while self.done < end {
             let Open { met, is_complete } = &mut self.open;
-            sort(&self.scene.placement.placed, met);
+            sort(self.scene, met);
             take(self.first + self.done, met, *is_complete);
             met.clear();
             (*is_complete, self.done) = (true, self.done + 1);
@@ -292,14 +292,14 @@ fn search(
     found: &mut Found,
     room: &Room,
 ) -> Vec<BlockId> {
-    let p = &view.scene.placement.placed[placed as usize];
-    let instance = view.scene.instances[p.instance as usize].id;
+    let p = view.scene.placed(placed);
+    let instance = view.scene.instance_id(p.instance);
     let parts = view.model_of(placed).parts();
     let tree = view.tree(placed);
     let Found { met, is_refused, .. } = found;
     let (before, mut taken) = (met.len(), 0);
     view.through(ray, placed, left, &mut |hit, triangle, side, span| {
-        let t = distance(p, &triangle.vertices, ray, span);
+        let t = distance(&p, &triangle.vertices, ray, span);
         if (ray.begins()..=ray.t_max).contains(&t) && !room.is_exceeded.load(Relaxed) {
             if met.len() - before == taken {
                 let more = room.take(taken.clamp(1, AT_A_TIME));
@@ -314,7 +314,7 @@ fn search(
             }
             let part = p.first_part.saturating_add(triangle.part);
             let id = parts.id(part as usize).unwrap_or(NONE);
-            let crossing = Crossing { part: id, instance, side, ..crossing(p, triangle, ray, t) };
+            let crossing = Crossing { part: id, instance, side, ..crossing(&p, triangle, ray, t) };
             // The triangle's block is in memory here.
             met.extend(tree.prim_place(hit).map(|prim| Met { crossing, placed, part, prim, is_known: false }));
         }
@@ -357,15 +357,15 @@ fn crossing(placed: &Placed, triangle: &Triangle, ray: &Ray, t: f64) -> Crossing
 }
 
 /// Puts the crossings of a ray in order, each once.
-fn sort(placed: &[Placed], met: &mut Vec<Met>) {
-    keep_one_of_each(placed, met);
+fn sort(scene: &SceneState, met: &mut Vec<Met>) {
+    keep_one_of_each(scene, met);
     let key = |met: &Met| (met.crossing.part, met.crossing.instance, met.crossing.prim, met.placed, met.prim);
     met.sort_unstable_by(|a, b| a.crossing.t.total_cmp(&b.crossing.t).then_with(|| key(a).cmp(&key(b))));
 }
 
 /// Removes the repetitions of triangles that are in several leaves of a tree, or in several trees of a divided mesh.
-fn keep_one_of_each(placed: &[Placed], met: &mut Vec<Met>) {
-    let tree = |met: &Met| placed[met.placed as usize].tree;
+fn keep_one_of_each(scene: &SceneState, met: &mut Vec<Met>) {
+    let tree = |met: &Met| scene.ids_of(met.placed).tree;
     let triangle = |met: &Met| (met.crossing.instance, met.crossing.part, met.crossing.prim);
     met.sort_unstable_by_key(|met| (triangle(met), tree(met), met.placed, met.prim));
     // The first kept crossing of the triangle, and the first one in the same tree.
@@ -380,7 +380,7 @@ fn keep_one_of_each(placed: &[Placed], met: &mut Vec<Met>) {
             if tree(&last) != tree(&now) {
                 of_tree = kept;
             }
-            let is_beside = |other: &Met| placed[other.placed as usize].is_beside(&placed[now.placed as usize]);
+            let is_beside = |other: &Met| scene.placed(other.placed).is_beside(&scene.placed(now.placed));
             if now.is_known && met[of_triangle..of_tree].iter().any(is_beside) {
                 continue;
             }

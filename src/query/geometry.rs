@@ -297,13 +297,13 @@ impl SceneState {
         if ids.contains(&super::hit::NONE) || !hit.position.is_finite() {
             return wrong("it needs a position, and the ids of instance, part and primitive");
         }
-        for placed in self.placement.placed.iter() {
+        for placed in self.all_placed() {
             cancel.check()?;
-            if self.instances[placed.instance as usize].id != hit.instance || !holds(&placed.bounds, hit.position) {
+            if self.instance_id(placed.instance) != hit.instance || !holds(&placed.bounds, hit.position) {
                 continue;
             }
             let model = &self.models[placed.model as usize];
-            let at = At { model, placed, hit };
+            let at = At { model, placed: &placed, hit };
             if let Some(found) = at.search(cancel)? {
                 return Ok(found);
             }

@@ -106,7 +106,7 @@ impl SceneState {
         each.sort_unstable();
         for of_part in each.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)) {
             let (instance, part, _) = of_part[0];
-            let model = &self.models[self.instances[instance as usize].model as usize];
+            let model = self.model_of_instance(instance);
             let Some(info) = model.parts().get(part as usize) else { continue };
             let leaves = of_part.iter().filter(|it| it.2 == Side::Back).count() as i32;
             let count = of_part.len() as i32;
@@ -122,7 +122,7 @@ impl SceneState {
     }
 
     fn part_of(&self, met: &Met) -> (u32, u32, Side) {
-        (self.placement.placed[met.placed as usize].instance, met.part, met.crossing.side)
+        (self.ids_of(met.placed).instance, met.part, met.crossing.side)
     }
 
     /// Adds the visible parts around a point that are not closed.
@@ -132,10 +132,10 @@ impl SceneState {
         entrances.begin(self, &ray);
         let closed = all.len();
         while let Some(placed) = entrances.next(self, &ray) {
-            let placed = &self.placement.placed[placed as usize];
-            let instance = &self.instances[placed.instance as usize];
-            let model = &self.models[instance.model as usize];
-            let local = instance.world_from_model.inverse().transform_point3(point);
+            let placed = self.placed(placed);
+            let instance = self.state_of(placed.instance);
+            let model = &self.models[placed.model as usize];
+            let local = self.world_from_model(placed.instance).inverse().transform_point3(point);
             for part in placed.first_part..placed.first_part.saturating_add(model.local_parts(placed.tree)) {
                 let Some(info) = model.parts().get(part as usize) else { break };
                 let is_around = !info.is_closed && info.triangles > 0 && holds(&info.bounds, local);
@@ -150,10 +150,9 @@ impl SceneState {
     }
 
     fn part_at(&self, instance: u32, part: u32, winding: i32) -> PartAt {
-        let it = &self.instances[instance as usize];
-        let id = self.models[it.model as usize].parts().id(part as usize).unwrap_or(NONE);
+        let id = self.model_of_instance(instance).parts().id(part as usize).unwrap_or(NONE);
         let holds = if winding == 0 { Holds::Undecided } else { Holds::Inside };
-        PartAt { instance: it.id, part: id, winding, holds }
+        PartAt { instance: self.instance_id(instance), part: id, winding, holds }
     }
 }
 

@@ -27,6 +27,7 @@ mod part_set;
 mod rounds;
 mod sweep;
 mod volume;
+mod waiting;
 
 pub use crate::geom::Side;
 pub use crate::structure::Node;

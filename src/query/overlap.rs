@@ -80,9 +80,8 @@ impl SceneState {
     }
 
     fn overlap(&self, volume: &Volume) -> Result<Vec<PartOverlap>> {
-        let placed = &self.placement.placed;
-        let near = |p: &Placed| self.instances[p.instance as usize].look.visible && volume.may_meet(&p.bounds);
-        let mut trees = (0..placed.len() as u32).filter(|&i| near(&placed[i as usize]));
+        let near = |p: &Placed| self.state_of(p.instance).look.visible && volume.may_meet(&p.bounds);
+        let mut trees = (0..self.placement.len() as u32).filter(|&i| near(&self.placed(i)));
         let mut met: BTreeMap<(u32, u32), bool> = BTreeMap::new();
         while let Some(some) = next_trees(&mut trees) {
             let found = sweep(self, &some, Policy::Exact, &|view, visit, left, met: &mut BTreeMap<u32, bool>| {
@@ -91,16 +90,15 @@ impl SceneState {
             })?;
             for (tree, parts) in some.iter().zip(found) {
                 for (part, inside) in parts {
-                    *met.entry((placed[*tree as usize].instance, part)).or_insert(true) &= inside;
+                    *met.entry((self.ids_of(*tree).instance, part)).or_insert(true) &= inside;
                 }
             }
         }
         self.refute_inside(volume, &mut met)?;
         let answer = |(&(instance, part), &inside): (&(u32, u32), &bool)| {
-            let it = &self.instances[instance as usize];
-            let parts = self.models[it.model as usize].parts();
+            let parts = self.model_of_instance(instance).parts();
             let how = if inside { How::Inside } else { How::Intersects };
-            Some(PartOverlap { instance: it.id, part: parts.id(part as usize)?, how })
+            Some(PartOverlap { instance: self.instance_id(instance), part: parts.id(part as usize)?, how })
         };
         Ok(met.iter().filter_map(answer).collect())
     }
@@ -111,29 +109,27 @@ impl SceneState {
     fn refute_inside(&self, volume: &Volume, met: &mut BTreeMap<(u32, u32), bool>) -> Result<()> {
         let mut doubtful: BTreeMap<u32, (BTreeSet<u32>, DBounds)> = BTreeMap::new();
         for (&(instance, part), _) in met.iter().filter(|(_, inside)| **inside) {
-            let it = &self.instances[instance as usize];
-            let Some(info) = self.models[it.model as usize].parts().get(part as usize) else { continue };
+            let Some(info) = self.model_of_instance(instance).parts().get(part as usize) else { continue };
             let size = info.bounds.extent().max_element() * 1e-6;
             let grown = DBounds { min: info.bounds.min - size, max: info.bounds.max + size };
-            let bounds = grown.transformed(&it.world_from_model);
+            let bounds = grown.transformed(&self.world_from_model(instance));
             if !volume.holds(&bounds) {
                 let doubt = doubtful.entry(instance).or_insert((BTreeSet::new(), DBounds::EMPTY));
                 doubt.0.insert(part);
                 doubt.1 = doubt.1.union(bounds);
             }
         }
-        let placed = &self.placement.placed;
         let concerned = |p: &Placed| doubtful.get(&p.instance).is_some_and(|d| d.1.overlaps(&p.bounds));
-        let mut trees = (0..placed.len() as u32).filter(|&i| concerned(&placed[i as usize]));
+        let mut trees = (0..self.placement.len() as u32).filter(|&i| concerned(&self.placed(i)));
         while let Some(some) = next_trees(&mut trees) {
             let found = sweep(self, &some, Policy::Exact, &|view, visit, left, refuted: &mut BTreeSet<u32>| {
-                let (parts, bounds) = &doubtful[&placed[some[visit] as usize].instance];
+                let (parts, bounds) = &doubtful[&self.ids_of(some[visit]).instance];
                 outside(view, some[visit], volume, (parts, bounds), left, refuted);
                 Vec::new()
             })?;
             for (tree, refuted) in some.iter().zip(found) {
                 for part in refuted {
-                    met.insert((placed[*tree as usize].instance, part), false);
+                    met.insert((self.ids_of(*tree).instance, part), false);
                 }
             }
         }
@@ -152,15 +148,15 @@ fn next_trees(trees: &mut impl Iterator<Item = u32>) -> Option<Vec<u32>> {
 
 /// Finds the parts of a placed tree that intersect the volume, and if all visited triangles of each are inside.
 fn meet(view: &SceneView, tree: u32, volume: &Volume, left: &mut Descent, met: &mut BTreeMap<u32, bool>) {
-    let placed = &view.scene.placement.placed[tree as usize];
-    let looks = &view.scene.instances[placed.instance as usize].parts.looks;
+    let placed = view.scene.placed(tree);
+    let looks = &view.scene.state_of(placed.instance).parts.looks;
     left.go_on(&view.tree(tree), &mut |b| volume.may_meet(&placed.world_bounds(b)), &mut |_, triangle| {
         let part = placed.first_part.saturating_add(triangle.part);
         // The part is settled: it intersects the volume and is not inside.
         if met.get(&part) == Some(&false) || looks.hides(part) {
             return;
         }
-        match volume.side(&world_triangle(placed, triangle)) {
+        match volume.side(&world_triangle(&placed, triangle)) {
             Side::Inside => {
                 met.entry(part).or_insert(true);
             }
@@ -186,7 +182,7 @@ fn outside(
     left: &mut Descent,
     refuted: &mut BTreeSet<u32>,
 ) {
-    let placed = &view.scene.placement.placed[tree as usize];
+    let placed = view.scene.placed(tree);
     left.go_on(
         &view.tree(tree),
         &mut |b| {
@@ -195,7 +191,7 @@ fn outside(
         },
         &mut |_, triangle| {
             let part = placed.first_part.saturating_add(triangle.part);
-            if parts.contains(&part) && volume.side(&world_triangle(placed, triangle)) != Side::Inside {
+            if parts.contains(&part) && volume.side(&world_triangle(&placed, triangle)) != Side::Inside {
                 refuted.insert(part);
             }
         },

@@ -2,14 +2,13 @@
 //! lacked have come.
 
 use super::batch::Policy;
-use super::needs::one_at_least;
-use super::rounds::{Quest, Rounds, WaitList};
+use super::rounds::{Quest, Rounds};
+use super::waiting::{Lacking, Waiting};
 use crate::base::error::Result;
 use crate::base::ids::BlockId;
 use crate::scene::SceneState;
 use crate::scene::walk::{Need, SceneView, Snapshots};
 use crate::structure::Descent;
-use std::collections::BTreeSet;
 use std::sync::{Mutex, PoisonError};
 
 /// Takes a visit as far as the blocks in memory allow, and adds its results. The second argument is the index of the
@@ -58,15 +57,28 @@ struct Visit<T> {
     found: T,
 }
 
-impl<T> Visit<T> {
-    /// The blocks that the visit lacks; the same block may come several times.
-    fn needs(&self) -> impl Iterator<Item = Need> {
-        self.left.missing().chain(self.lacking.iter().copied()).map(|block| Need { model: self.model, block })
+impl<T: Send> Lacking for Visit<T> {
+    type Step = [Need; 1];
+
+    /// In addition to the visit itself.
+    fn bytes(&self) -> u64 {
+        (self.lacking.capacity() * size_of::<BlockId>()) as u64 + self.left.bytes()
+    }
+
+    fn steps(&self) -> impl Iterator<Item = [Need; 1]> {
+        self.left.missing().chain(self.lacking.iter().copied()).map(|block| [Need { model: self.model, block }])
+    }
+
+    /// The blocks with the highest numbers come first. A block has a higher number than its parent block, so a visit
+    /// finishes the subtrees that it has begun before it begins others.
+    fn sort(steps: &mut Vec<[Need; 1]>) {
+        steps.sort_unstable_by(|a, b| b.cmp(a));
+        steps.dedup();
     }
 }
 
 impl<T: Send + Default> Quest for Sweep<'_, T> {
-    type Waiting = Visits<T>;
+    type Waiting = Waiting<Visit<T>>;
     const ITEM_BYTES: u64 = 256;
     /// The visit to a small tree takes less than a microsecond.
     const RENEWAL: usize = 64;
@@ -81,7 +93,7 @@ impl<T: Send + Default> Quest for Sweep<'_, T> {
     fn begin(&self, index: usize, snapshots: &Snapshots) -> Vec<Visit<T>> {
         let tree = self.trees[index];
         let left = Descent::new(&SceneView::new(self.scene, snapshots, self.stamp).tree(tree));
-        let model = self.scene.placement.placed[tree as usize].model;
+        let model = self.scene.ids_of(tree).model;
         let visit = Visit { index, model, left, lacking: Vec::new(), found: T::default() };
         self.resume(visit, snapshots).into_iter().collect()
     }
@@ -89,54 +101,10 @@ impl<T: Send + Default> Quest for Sweep<'_, T> {
     fn resume(&self, mut visit: Visit<T>, snapshots: &Snapshots) -> Option<Visit<T>> {
         let view = SceneView::new(self.scene, snapshots, self.stamp);
         visit.lacking = (self.search)(&view, visit.index, &mut visit.left, &mut visit.found);
-        if self.policy == Policy::Exact && visit.needs().next().is_some() {
+        if self.policy == Policy::Exact && visit.steps().next().is_some() {
             return Some(visit);
         }
         *self.found[visit.index].lock().unwrap_or_else(PoisonError::into_inner) = visit.found;
         None
-    }
-}
-
-/// Visits that lack blocks.
-struct Visits<T>(Vec<Visit<T>>);
-
-impl<T> Default for Visits<T> {
-    fn default() -> Self {
-        Self(Vec::new())
-    }
-}
-
-impl<T: Send> WaitList for Visits<T> {
-    type Piece = Visit<T>;
-    type Parked = Visit<T>;
-
-    fn bytes(visit: &Visit<T>) -> u64 {
-        (size_of::<Visit<T>>() + visit.lacking.capacity() * size_of::<BlockId>()) as u64 + visit.left.bytes()
-    }
-
-    fn piece(visit: &Visit<T>) -> &Visit<T> {
-        visit
-    }
-
-    fn is_empty(&self) -> bool {
-        self.0.is_empty()
-    }
-
-    fn push(&mut self, visit: Visit<T>) {
-        self.0.push(visit);
-    }
-
-    fn take(&mut self, is_there: impl Fn(Need) -> bool) -> Vec<Visit<T>> {
-        self.0.extract_if(.., |visit| visit.needs().any(&is_there)).collect()
-    }
-
-    /// Plans the blocks with the highest numbers first. A block has a higher number than its parent block, so a visit
-    /// finishes the subtrees that it has begun before it begins others.
-    fn plan(&self, room: u64, bytes: impl Fn(Need) -> u64) -> (Vec<Need>, bool) {
-        let needs: BTreeSet<Need> = self.0.iter().flat_map(Visit::needs).collect();
-        let mut fits = one_at_least(room);
-        let chosen: Vec<Need> = needs.iter().rev().copied().take_while(|&need| fits(bytes(need))).collect();
-        let is_all = chosen.len() == needs.len();
-        (chosen, is_all)
     }
 }

@@ -472,7 +472,7 @@ impl Request {
 fn is_fine(scene: &SceneState, rays: &PixelRays) -> bool {
     let eye = rays.eye();
     let is_too_far = |p: &Placed| p.is_far(eye) && rays.needs_rest((p.bounds.center() - eye).length());
-    scene.placement.placed.iter().any(is_too_far)
+    scene.all_placed().any(|p| is_too_far(&p))
 }
 
 impl Work for Request {

@@ -48,8 +48,8 @@ fn behind_eye(scene: &SceneState, ray: &Ray) -> Option<f64> {
         return None;
     }
     let (triangle, _) = view.triangle(&found).ok()?;
-    let placed = &scene.placement.placed[found.placed as usize];
-    is_at_origin(placed, &triangle.vertices, ray.origin).then(|| found.t + placed.extent() * LEAVE)
+    let placed = scene.placed(found.placed);
+    is_at_origin(&placed, &triangle.vertices, ray.origin).then(|| found.t + placed.extent() * LEAVE)
 }
 /// Greatest radius of [`pick_near`], in pixels.
 pub const MOST_RADIUS: f64 = 32.0;

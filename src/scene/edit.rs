@@ -1,16 +1,14 @@
 //! A scene: instances, lights and looks of parts. Edits are free at any time; jobs see them only after a commit.
 
+use super::array::{Array, Instances};
 use super::context::Context;
 use super::light::{Background, Light};
 use super::looks::{self, Look, PartLooks, PartsShown};
 use super::model::Model;
-use super::placed::{Placed, check_transform};
-use super::state::{Instance, Placement, SceneState};
-use super::top::TopTree;
+use super::placed::check_transform;
+use super::state::{InstanceState, SceneState};
 use crate::base::error::{Error, Result};
-use crate::base::memory::room;
-use crate::math::DBounds;
-use crate::residency::{Kept, UNCOUNTED, counted};
+use crate::residency::Kept;
 use arc_swap::{ArcSwap, Guard};
 use glam::DAffine3;
 use std::collections::HashMap;
@@ -26,15 +24,16 @@ pub struct Scene {
 }
 
 /// The content of the next commit.
-struct Draft {
+pub(super) struct Draft {
     /// In the order added; removed instances leave `None` until the next commit.
-    instances: Vec<Option<Draftee>>,
+    pub(super) instances: Vec<Option<Draftee>>,
     /// Index in `instances` of each id.
     index: HashMap<u64, usize>,
-    lights: Vec<Light>,
-    background: Background,
+    pub(super) arrays: Vec<DraftArray>,
+    pub(super) lights: Vec<Light>,
+    pub(super) background: Background,
     /// True if an instance was moved, added or removed since the last commit.
-    moved: bool,
+    pub(super) moved: bool,
     /// The looks of instances whose parts look as in the file.
     plain: Arc<PartsShown>,
     /// Number of instances that `memory` pays for.
@@ -46,15 +45,32 @@ struct Draft {
 }
 
 #[derive(Clone)]
-struct Draftee {
-    id: u64,
-    model: Model,
-    world_from_model: DAffine3,
-    mask: u32,
-    look: Look,
-    parts: Arc<PartLooks>,
+pub(super) struct Draftee {
+    pub id: u64,
+    pub model: Model,
+    pub world_from_model: DAffine3,
+    pub state: DraftState,
+}
+
+/// The state of an instance in the next commit.
+#[derive(Clone)]
+pub(super) struct DraftState {
+    pub mask: u32,
+    pub look: Look,
+    pub parts: Arc<PartLooks>,
     /// Of the last commit.
-    shown: Arc<PartsShown>,
+    pub shown: Arc<PartsShown>,
+}
+
+/// An array of instances in the next commit.
+pub(super) struct DraftArray {
+    pub array: Arc<Array>,
+    pub models: Vec<Model>,
+    /// The state of members that have none of their own.
+    pub common: DraftState,
+    pub own: HashMap<u32, DraftState>,
+    /// For the array, and for the states of its own.
+    memory: Kept,
 }
 
 impl Scene {
@@ -67,7 +83,8 @@ impl Scene {
             hides_parts: false,
             context: context.clone(),
             models: Vec::new(),
-            instances: Vec::new(),
+            singles: Vec::new(),
+            arrays: Vec::new(),
             placement: Arc::default(),
             lights: lights.clone(),
             background,
@@ -77,6 +94,7 @@ impl Scene {
         let draft = Draft {
             instances,
             index,
+            arrays: Vec::new(),
             lights,
             background,
             moved: false,
@@ -105,24 +123,56 @@ impl Scene {
         }
         check_transform(&world_from_model)?;
         let mut draft = self.draft();
-        if draft.index.contains_key(&id) {
-            return Err(Error::bad_argument(format!("instance {id} already exists")));
-        }
+        draft.check_new(id, 1)?;
         draft.pay_for_another(&self.context)?;
-        let (mask, look, shown) = (u32::MAX, Look::default(), Arc::clone(&draft.plain));
-        let parts = Arc::clone(&shown.looks);
-        let at = draft.instances.len();
-        draft.instances.push(Some(Draftee { id, model: model.clone(), world_from_model, mask, look, parts, shown }));
+        let (state, at) = (DraftState::plain(&draft.plain), draft.instances.len());
+        draft.instances.push(Some(Draftee { id, model: model.clone(), world_from_model, state }));
         draft.index.insert(id, at);
         draft.moved = true;
         Ok(())
     }
 
-    /// Removes an instance; fails with `BadArgument` if there is none. Cheap.
+    /// Adds many instances of a few models, with consecutive ids. Each takes the memory of its transform and of its
+    /// place in the tree over all; what only some of them have, such as a look, takes more for these alone. Their
+    /// transforms are checked, which takes a fraction of a microsecond each.
+    ///
+    /// Fails with `BadArgument` if an id is taken, a model belongs to another context, an index or a transform is wrong
+    /// (the error names the first), and with `OverBudget`. After a failure nothing was added.
+    pub fn add_instances(&self, instances: &Instances) -> Result<()> {
+        if !instances.prototypes.iter().all(|model| model.context().same(&self.context)) {
+            return Err(Error::bad_argument("a prototype belongs to another context"));
+        }
+        let array = Arc::new(Array::new(instances)?);
+        let memory = self.context.residency().keep("an array of instances", array.bytes())?;
+        let mut draft = self.draft();
+        draft.check_new(array.first_id, array.len().into())?;
+        let common = DraftState { mask: instances.mask, ..DraftState::plain(&draft.plain) };
+        let models = instances.prototypes.clone();
+        draft.arrays.push(DraftArray { array, models, common, own: HashMap::new(), memory });
+        draft.moved = true;
+        Ok(())
+    }
+
+    /// Removes all instances that were added together, the first with the id `first_id`. Fails with `BadArgument` if
+    /// there are none. Cheap.
+    pub fn remove_instances(&self, first_id: u64) -> Result<()> {
+        let removed = {
+            let mut draft = self.draft();
+            let at = draft.arrays.iter().position(|it| it.array.first_id == first_id);
+            let at = at.ok_or_else(|| Error::bad_argument(format!("no array of instances begins with {first_id}")))?;
+            draft.moved = true;
+            draft.arrays.remove(at)
+        };
+        drop(removed);
+        Ok(())
+    }
+
+    /// Removes an instance; fails with `BadArgument` if there is none, or if it is of an array. Cheap.
     pub fn remove_instance(&self, id: u64) -> Result<()> {
         // The last reference of a model closes its source: functions of the host are called without the lock.
         let removed = {
             let mut draft = self.draft();
+            draft.refuse_member(id, "removed alone")?;
             let at = draft.index.remove(&id).ok_or_else(|| no_instance(id))?;
             draft.moved = true;
             draft.instances[at].take()
@@ -135,7 +185,10 @@ impl Scene {
     pub fn set_transform(&self, id: u64, world_from_model: DAffine3) -> Result<()> {
         check_transform(&world_from_model)?;
         let mut draft = self.draft();
-        draft.instance(id)?.world_from_model = world_from_model;
+        match draft.member(id) {
+            Some((array, member)) => Arc::make_mut(&mut draft.arrays[array].array).set(member, world_from_model)?,
+            None => draft.instance(id)?.world_from_model = world_from_model,
+        }
         draft.moved = true;
         Ok(())
     }
@@ -143,7 +196,7 @@ impl Scene {
     /// Sets the mask of an instance: it is visible to rays with a common bit in their masks. By default all bits are
     /// set. Cheap.
     pub fn set_instance_mask(&self, id: u64, mask: u32) -> Result<()> {
-        self.draft().instance(id)?.mask = mask;
+        self.draft().state(&self.context, id)?.mask = mask;
         Ok(())
     }
 
@@ -151,7 +204,7 @@ impl Scene {
     /// hides it. Cheap.
     pub fn set_instance_look(&self, id: u64, look: Look) -> Result<()> {
         check_look(&look)?;
-        self.draft().instance(id)?.look = look;
+        self.draft().state(&self.context, id)?.look = look;
         Ok(())
     }
 
@@ -192,22 +245,21 @@ impl Scene {
         [hides, colours]: [bool; 2],
         edit: impl FnOnce(&mut PartLooks, &mut dyn Iterator<Item = u32>, u32),
     ) -> Result<()> {
-        let model = self.draft().instance(instance)?.model.clone();
+        let model = self.draft().model(instance)?.clone();
         let chosen = choose(&model, parts, scope)?;
         if hides {
             model.part_sets()?;
         }
         let mut draft = self.draft();
-        let draftee = draft.instance(instance)?;
-        if !draftee.model.same(&model) {
+        if !draft.model(instance)?.same(&model) {
             return Err(Error::BadState(format!("the model of instance {instance} was exchanged meanwhile")));
         }
-        let count = model.parts().len();
-        let copied = if draftee.has_new_looks() { 0 } else { draftee.parts.bytes() };
-        let more = copied + draftee.parts.growth(&chosen, count, colours);
+        let (count, state) = (model.parts().len(), draft.state(&self.context, instance)?);
+        let copied = if state.has_new_looks() { 0 } else { state.parts.bytes() };
+        let more = copied + state.parts.growth(&chosen, count, colours);
         draft.pay_for_edit(&self.context, more)?;
-        let draftee = draft.instance(instance)?;
-        edit(Arc::make_mut(&mut draftee.parts), &mut chosen.into_iter(), count as u32);
+        let state = draft.state(&self.context, instance)?;
+        edit(Arc::make_mut(&mut state.parts), &mut chosen.into_iter(), count as u32);
         Ok(())
     }
 
@@ -215,7 +267,7 @@ impl Scene {
     pub fn clear_part_looks(&self, instance: u64) -> Result<()> {
         let mut draft = self.draft();
         let plain = Arc::clone(&draft.plain.looks);
-        draft.instance(instance)?.parts = plain;
+        draft.state(&self.context, instance)?.parts = plain;
         Ok(())
     }
 
@@ -227,8 +279,9 @@ impl Scene {
             return Err(Error::bad_argument("the model belongs to another context"));
         }
         let mut draft = self.draft();
+        draft.refuse_member(instance, "given another model")?;
         let draftee = draft.instance(instance)?;
-        let (before, old) = (draftee.model.clone(), Arc::clone(&draftee.parts));
+        let (before, old) = (draftee.model.clone(), Arc::clone(&draftee.state.parts));
         drop(draft);
         let looks = old.carried(&before, model);
         if !looks.hidden.is_empty() {
@@ -236,12 +289,12 @@ impl Scene {
         }
         let mut draft = self.draft();
         let plain = Arc::clone(&draft.plain.looks);
-        if !Arc::ptr_eq(&draft.instance(instance)?.parts, &old) {
+        if !Arc::ptr_eq(&draft.instance(instance)?.state.parts, &old) {
             return Err(Error::BadState(format!("the looks of instance {instance} were edited meanwhile")));
         }
         draft.pay_for_edit(&self.context, looks.bytes())?;
         let draftee = draft.instance(instance)?;
-        draftee.parts = if looks.is_empty() { plain } else { Arc::new(looks) };
+        draftee.state.parts = if looks.is_empty() { plain } else { Arc::new(looks) };
         draftee.model = model.clone();
         draft.moved = true;
         Ok(())
@@ -291,58 +344,6 @@ impl Scene {
         }
     }
 
-    fn next_state(&self, draft: &mut Draft) -> Result<SceneState> {
-        draft.close_gaps();
-        let bytes = (draft.instances.len() * size_of::<Instance>()) as u64;
-        let placing = if draft.moved { Placing::of(draft.draftees())? } else { Placing::default() };
-        let of_looks = |it: &Draftee| {
-            if it.has_new_looks() { PartsShown::bytes(&it.model, &it.parts) } else { it.shown.took }
-        };
-        // Only little memory is not counted.
-        let counts = draft.draftees().map(of_looks).sum::<u64>() > UNCOUNTED;
-        // The sum of all, so that the error names a budget that suffices for the whole commit.
-        let new_looks: u64 = draft.draftees().filter(|it| counts && it.has_new_looks()).map(of_looks).sum();
-        let needs = new_looks + counted(bytes) + counted(placing.bytes(draft.instances.len()));
-        self.context.residency().check_room("a scene", needs)?;
-        // Blocks are searched anew only where looks of parts have changed.
-        for it in draft.instances.iter_mut().flatten().filter(|it| it.has_new_looks()) {
-            it.shown = Arc::new(PartsShown::of(&it.model, &it.parts, counts)?);
-        }
-        let kept = || draft.draftees();
-        let mut models: Vec<Model> = Vec::new();
-        let memory = self.context.residency().keep("the instances of a scene", bytes)?;
-        let mut instances = room(draft.instances.len(), "the instances of a scene")?;
-        for it in kept() {
-            let known = models.iter().position(|m| m.same(&it.model));
-            let model = known.unwrap_or_else(|| {
-                models.push(it.model.clone());
-                models.len() - 1
-            }) as u32;
-            let Draftee { id, world_from_model, mask, look, .. } = *it;
-            let parts = Arc::clone(&it.shown);
-            instances.push(Instance { id, model, world_from_model, mask, look, parts });
-        }
-        let placement = if draft.moved {
-            Arc::new(placing.place(&self.context, kept(), &instances)?)
-        } else {
-            Arc::clone(&self.committed.load().placement)
-        };
-        let see_through = models.iter().any(Model::see_through)
-            || instances.iter().any(|i| i.look.see_through() || i.parts.looks.see_through());
-        let hides_parts = instances.iter().any(|i| !i.parts.trees.is_empty());
-        Ok(SceneState {
-            see_through,
-            hides_parts,
-            context: self.context.clone(),
-            models,
-            instances,
-            placement,
-            lights: draft.lights.clone(),
-            background: draft.background,
-            _memory: memory,
-        })
-    }
-
     /// The state of the last commit (an empty scene before the first). Cheap.
     pub fn state(&self) -> Arc<SceneState> {
         self.committed.load_full()
@@ -359,20 +360,101 @@ impl Scene {
     }
 }
 
-impl Draftee {
+impl DraftArray {
+    /// True if each member has one tree.
+    pub fn has_one_each(&self) -> bool {
+        self.models.iter().all(|model| model.placements().count() == 1)
+    }
+}
+
+impl DraftState {
+    fn plain(plain: &Arc<PartsShown>) -> Self {
+        let (shown, parts) = (Arc::clone(plain), Arc::clone(&plain.looks));
+        Self { mask: u32::MAX, look: Look::default(), parts, shown }
+    }
+
+    pub fn committed(&self) -> InstanceState {
+        InstanceState { mask: self.mask, look: self.look, parts: Arc::clone(&self.shown) }
+    }
+
     /// True if looks of parts were edited since the last commit.
-    fn has_new_looks(&self) -> bool {
+    pub fn has_new_looks(&self) -> bool {
         !Arc::ptr_eq(&self.parts, &self.shown.looks)
     }
 }
 
+/// Bytes of the state of a member of its own. The table may be half empty.
+const OWN: usize = 2 * (size_of::<(u32, DraftState)>() + size_of::<(u32, InstanceState)>() + 2);
+
 impl Draft {
-    fn draftees(&self) -> impl Iterator<Item = &Draftee> + Clone {
+    pub(super) fn draftees(&self) -> impl Iterator<Item = &Draftee> + Clone {
         self.instances.iter().flatten()
     }
 
+    /// All states, with the models of those that have looks of parts of their own.
+    pub(super) fn states(&mut self) -> impl Iterator<Item = (&Model, &mut DraftState)> {
+        let singles = self.instances.iter_mut().flatten().map(|it| (&it.model, &mut it.state));
+        let members = self.arrays.iter_mut().flat_map(|it| {
+            let DraftArray { array, models, own, .. } = it;
+            own.iter_mut().map(|(&member, state)| (&models[array.prototype_of(member) as usize], state))
+        });
+        singles.chain(members)
+    }
+
+    /// Fails if one of `count` ids from `first` on is taken.
+    fn check_new(&self, first: u64, count: u64) -> Result<()> {
+        let last = first + (count - 1);
+        let of_array = |it: &DraftArray| {
+            let from = it.array.first_id;
+            let to = from + u64::from(it.array.len() - 1);
+            (from <= last && first <= to).then_some(from.max(first))
+        };
+        let single = || {
+            if count <= self.index.len() as u64 {
+                return (first..=last).find(|id| self.index.contains_key(id));
+            }
+            self.index.keys().copied().filter(|id| (first..=last).contains(id)).min()
+        };
+        match self.arrays.iter().find_map(of_array).or_else(single) {
+            Some(id) => Err(Error::bad_argument(format!("instance {id} already exists"))),
+            None => Ok(()),
+        }
+    }
+
+    /// The array that an id is of, and its member.
+    fn member(&self, id: u64) -> Option<(usize, u32)> {
+        self.arrays.iter().enumerate().find_map(|(i, it)| Some((i, it.array.member(id)?)))
+    }
+
+    fn refuse_member(&self, id: u64, what: &str) -> Result<()> {
+        match self.member(id) {
+            Some(_) => Err(Error::bad_argument(format!("instance {id} is of an array, and cannot be {what}"))),
+            None => Ok(()),
+        }
+    }
+
+    /// The model of an instance.
+    fn model(&mut self, id: u64) -> Result<&Model> {
+        if let Some((array, member)) = self.member(id) {
+            let it = &self.arrays[array];
+            return Ok(&it.models[it.array.prototype_of(member) as usize]);
+        }
+        Ok(&self.instance(id)?.model)
+    }
+
+    /// The state of an instance, to be edited. A member of an array gets one of its own.
+    fn state(&mut self, context: &Context, id: u64) -> Result<&mut DraftState> {
+        let Some((array, member)) = self.member(id) else { return Ok(&mut self.instance(id)?.state) };
+        let it = &mut self.arrays[array];
+        if !it.own.contains_key(&member) {
+            let bytes = it.array.bytes() + ((it.own.len() + 1) * OWN) as u64;
+            it.memory.grow_to(context.residency(), looks::WHAT, bytes)?;
+        }
+        Ok(it.own.entry(member).or_insert_with(|| it.common.clone()))
+    }
+
     /// Removes the gaps that removed instances left.
-    fn close_gaps(&mut self) {
+    pub(super) fn close_gaps(&mut self) {
         if self.instances.len() == self.index.len() {
             return;
         }
@@ -449,59 +531,5 @@ fn check_look(state: &Look) -> Result<()> {
             Err(Error::bad_argument("a colour must be finite and 0 or more, and its alpha at most 1"))
         }
         _ => Ok(()),
-    }
-}
-
-/// The trees to be placed: those of the instances' models and of these models' own assemblies.
-#[derive(Default)]
-struct Placing {
-    /// Number of trees.
-    count: usize,
-}
-
-impl Placing {
-    /// Bytes of a placed tree.
-    const BYTES_EACH: usize = size_of::<Placed>() + size_of::<DBounds>() + TopTree::BYTES_EACH;
-
-    /// Counts the trees.
-    fn of<'a>(draftees: impl Iterator<Item = &'a Draftee>) -> Result<Self> {
-        let count: usize = draftees.map(|draftee| draftee.model.placements().count()).sum();
-        if count >= 1 << 31 {
-            return Err(Error::bad_argument("a scene must have fewer than 2^31 placed trees"));
-        }
-        Ok(Self { count })
-    }
-
-    /// Bytes of memory for the trees of so many instances.
-    fn bytes(&self, instances: usize) -> u64 {
-        if self.count == 0 { 0 } else { (self.count * Self::BYTES_EACH + size_of::<u32>() * instances) as u64 }
-    }
-
-    /// Places the trees, and builds the top tree over them.
-    fn place<'a>(
-        &self,
-        context: &Context,
-        draftees: impl Iterator<Item = &'a Draftee>,
-        instances: &[Instance],
-    ) -> Result<Placement> {
-        let (what, count) = ("the placed trees of a scene", self.count);
-        let mut memory = context.residency().keep(what, self.bytes(instances.len()))?;
-        let (mut placed, mut hits, mut firsts) = (room(count, what)?, room(count, what)?, room(instances.len(), what)?);
-        for (i, (draftee, instance)) in draftees.zip(instances).enumerate() {
-            firsts.push(placed.len() as u32);
-            let trees = draftee.model.trees();
-            for (tree, first_part, model_from_mesh) in draftee.model.placements() {
-                let ids = [instance.model, tree, i as u32, first_part];
-                let it = Placed::new(&trees[tree as usize], ids, &(draftee.world_from_model * model_from_mesh));
-                hits.push(it.hit_bounds(&trees[tree as usize]));
-                placed.push(it);
-            }
-        }
-        let around = placed.iter().fold(DBounds::EMPTY, |all, p| all.union(p.bounds));
-        let top = TopTree::build(&hits)?;
-        drop(hits);
-        // The boxes are needed for the tree only.
-        memory.shrink_to(self.bytes(instances.len()) - (count * size_of::<DBounds>()) as u64);
-        Ok(Placement { bounds: around, top, placed, firsts, _memory: memory })
     }
 }

@@ -143,7 +143,7 @@ impl SceneState {
         let frame = Frame::of(fit)?;
         let mut supports = Supports::new(&frame, self.bounds().center());
         if chosen.is_empty() {
-            (0..self.instances.len()).for_each(|instance| self.support(instance, None, &mut supports));
+            (0..self.instance_count() as u32).for_each(|instance| self.support(instance, None, &mut supports));
         } else {
             for (instance, parts) in self.chosen(chosen, scope)? {
                 self.support(instance, parts.as_deref(), &mut supports);
@@ -157,43 +157,42 @@ impl SceneState {
     }
 
     /// Returns the chosen parts by the index of their instance; `None` stands for all parts.
-    fn chosen(&self, chosen: &[Chosen], scope: Scope) -> Result<Vec<(usize, Option<Vec<u32>>)>> {
-        let index: HashMap<u64, usize> = self.instances.iter().enumerate().map(|(i, it)| (it.id, i)).collect();
-        let mut by_instance: HashMap<usize, Option<Vec<u64>>> = HashMap::new();
+    fn chosen(&self, chosen: &[Chosen], scope: Scope) -> Result<Vec<(u32, Option<Vec<u32>>)>> {
+        let mut by_instance: HashMap<u32, Option<Vec<u64>>> = HashMap::new();
         for one in chosen {
             let no_instance = || Error::bad_argument(format!("fit: instance {} does not exist", one.instance));
-            let parts =
-                by_instance.entry(*index.get(&one.instance).ok_or_else(no_instance)?).or_insert(Some(Vec::new()));
+            let instance = self.instance_with(one.instance).ok_or_else(no_instance)?;
+            let parts = by_instance.entry(instance).or_insert(Some(Vec::new()));
             match one.part {
                 None => *parts = None,
                 Some(part) => {
-                    if self.models[self.instances[index[&one.instance]].model as usize].part_index(part).is_none() {
+                    if self.model_of_instance(instance).part_index(part).is_none() {
                         return Err(Error::bad_argument(format!("fit: the model has no part {part}")));
                     }
                     parts.iter_mut().for_each(|parts| parts.push(part));
                 }
             }
         }
-        let indices = |(instance, ids): (usize, Option<Vec<u64>>)| {
-            let model = &self.models[self.instances[instance].model as usize];
+        let indices = |(instance, ids): (u32, Option<Vec<u64>>)| {
+            let model = self.model_of_instance(instance);
             Ok((instance, ids.map(|ids| choose(model, &ids, scope)).transpose()?))
         };
         by_instance.into_iter().map(indices).collect()
     }
 
     /// Adds the visible ones of an instance's parts, or of some.
-    fn support(&self, instance: usize, parts: Option<&[u32]>, supports: &mut Supports) {
-        let instance = &self.instances[instance];
-        if !instance.look.visible {
+    fn support(&self, instance: u32, parts: Option<&[u32]>, supports: &mut Supports) {
+        let state = self.state_of(instance);
+        if !state.look.visible {
             return;
         }
-        let model = &self.models[instance.model as usize];
-        let placed = supports.placed(&instance.world_from_model);
+        let model = self.model_of_instance(instance);
+        let placed = supports.placed(&self.world_from_model(instance));
         // Most instances of a large scene lie within the others.
         if !supports.grows(&placed, &model.info().bounds) {
             return;
         }
-        let looks = &instance.parts.looks;
+        let looks = &state.parts.looks;
         let mut add = |part: u32| {
             if !looks.hides(part)
                 && let Some(info) = model.parts().get(part as usize)

@@ -12,6 +12,7 @@ use super::walk::{FirstCell, Found, NOTHING, Need, SceneView, Step};
 use crate::math::{DBounds, PACKET, Ray, bits, first_rays};
 use crate::structure::{LocalRay, LocalRays, Outcome, PacketWalk, PartFilter, Rooted, Tree};
 use glam::DVec3;
+use std::borrow::Cow;
 
 /// Shift and scale of rays that were not moved.
 const UNMOVED: (f64, f64) = (0.0, 1.0);
@@ -177,7 +178,7 @@ impl Group {
 
     /// True if the rays are coherent in the first of the trees that they enter.
     fn are_near(&mut self, view: &SceneView, placed: u32, rays: (&[Ray; PACKET], usize), alike: &Alike) -> bool {
-        if are_apart(&view.scene.placement.placed[placed as usize], &rays.0[..rays.1], alike) {
+        if are_apart(&view.scene.placed(placed), &rays.0[..rays.1], alike) {
             return false;
         }
         let tree = view.tree(placed);
@@ -195,11 +196,11 @@ impl Group {
         (rays, count): (&[Ray; PACKET], usize),
         alike: &Alike,
     ) {
-        let p = &view.scene.placement.placed[placed as usize];
+        let p = view.scene.placed(placed);
         let seen_by = view.seen_by(placed);
         let Self { walk, rows, local, moved, is_moved, .. } = self;
-        if let Some(start) = one_start(p, &rays[0], alike, seen_by)
-            && set_from(start, p, tree, (rays, count), (alike, view.widen_interval), walk)
+        if let Some(start) = one_start(&p, &rays[0], alike, seen_by)
+            && set_from(start, &p, tree, (rays, count), (alike, view.widen_interval), walk)
         {
             *is_moved = false;
             return walk.start(tree, first_rays(count));
@@ -211,7 +212,7 @@ impl Group {
             among |= u32::from(ray.mask & seen_by != 0) << i;
         }
         *is_moved = false;
-        let inside = rows.take_all_into_tree(tree.isa(), p, among, (&best, view.widen_interval), local, |i, way| {
+        let inside = rows.take_all_into_tree(tree.isa(), &p, among, (&best, view.widen_interval), local, |i, way| {
             if !*is_moved {
                 (*is_moved, *moved) = (true, [UNMOVED; PACKET]);
             }
@@ -230,7 +231,7 @@ impl Group {
         alike: &Alike,
         says: bool,
     ) -> Option<Result<u32, Need>> {
-        if !says && are_apart(&view.scene.placement.placed[placed as usize], &rays.0[..rays.1], alike) {
+        if !says && are_apart(&view.scene.placed(placed), &rays.0[..rays.1], alike) {
             return None;
         }
         let (tree, filter) = (view.tree(placed), view.filter(placed));
@@ -387,7 +388,7 @@ pub(crate) struct CameraRays<'a> {
 /// A placed tree that is visible to a camera's rays and in which they have the same distances as in the world.
 pub(crate) struct CameraTree<'a> {
     pub number: u32,
-    placed: &'a Placed,
+    placed: Cow<'a, Placed>,
     pub tree: Tree<'a>,
     pub filter: Option<PartFilter<'a>>,
 }
@@ -395,7 +396,7 @@ pub(crate) struct CameraTree<'a> {
 impl<'a> CameraTree<'a> {
     /// The placed tree `number`.
     pub fn of(view: &SceneView<'a>, number: u32) -> Self {
-        let placed = &view.scene.placement.placed[number as usize];
+        let placed = view.scene.placed(number);
         Self { number, placed, tree: view.tree(number), filter: view.filter(number) }
     }
 
@@ -415,7 +416,7 @@ impl<'a> CameraTree<'a> {
         let mut local = LocalRays::NONE;
         let best = [f64::INFINITY; PACKET];
         let isa = self.tree.isa();
-        let are_all = rays.rays.take_into_tree(isa, self.placed, u32::MAX, (&best, false), &mut local) == u32::MAX;
+        let are_all = rays.rays.take_into_tree(isa, &self.placed, u32::MAX, (&best, false), &mut local) == u32::MAX;
         walk.set_rows(&local);
         are_all
     }

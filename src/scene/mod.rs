@@ -3,8 +3,10 @@
 #![forbid(unsafe_code)]
 
 pub(crate) mod alike;
+mod array;
 pub(crate) mod beam;
 pub mod camera;
+mod commit;
 pub mod context;
 pub mod edit;
 mod fit;
@@ -14,6 +16,7 @@ mod looks;
 pub mod model;
 mod part_check;
 pub(crate) mod placed;
+pub(crate) mod placement;
 pub(crate) mod ray_rows;
 pub mod state;
 pub(crate) mod through;
@@ -25,6 +28,7 @@ pub(crate) mod stream;
 pub(crate) mod walk;
 
 pub(crate) use alike::Alike;
+pub use array::{Instances, Place, Transforms};
 pub use camera::Camera;
 pub use context::{Context, ContextOptions, LogLevel};
 pub use edit::{Scene, Scope};

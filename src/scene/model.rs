@@ -450,7 +450,14 @@ impl Model {
         // The lock is not held meanwhile: a source of the host may call the library.
         let file = self.0.blocks.file();
         let mut memory = self.0.context.residency().keep("the parts of blocks", file.part_sets_memory())?;
-        let sets = file.part_sets()?;
+        // As with blocks: a disk or a network may have failed briefly.
+        let sets = match file.part_sets() {
+            Err(error @ (Error::Io { .. } | Error::Corrupt { .. })) => {
+                self.0.context.log(LogLevel::Warning, &format!("{error}; the parts of blocks are read again"));
+                file.part_sets()?
+            }
+            sets => sets?,
+        };
         memory.shrink_to(sets.memory());
         let sets = Arc::new(KeptSets { sets, _memory: memory });
         Ok(Arc::clone(held().get_or_insert(sets)))

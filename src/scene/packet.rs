@@ -144,7 +144,7 @@ impl SceneView<'_> {
     }
 
     fn enter_packet(&self, rays: &[Ray; PACKET], placed: u32, mask: u32, walk: &mut ScenePacket) {
-        let p = &self.scene.placement.placed[placed as usize];
+        let p = self.scene.placed(placed);
         let seen_by = self.seen_by(placed);
         let ScenePacket { tree, rows, local, far, moved, .. } = walk;
         let isa = self.scene.context().isa();
@@ -155,7 +155,7 @@ impl SceneView<'_> {
         walk.inside = match &walk.rest {
             None => {
                 *moved = [At { placed, shift: 0.0, scale: 1.0 }; PACKET];
-                rows.take_all_into_tree(isa, p, sees, (far, self.widen_interval), local, |i, (shift, scale)| {
+                rows.take_all_into_tree(isa, &p, sees, (far, self.widen_interval), local, |i, (shift, scale)| {
                     moved[i] = At { placed, shift, scale };
                 })
             }

@@ -1,23 +1,18 @@
 //! Trees placed in the world, and the transformation of rays into their frames.
 
 use super::box_ray::BoxRay;
+use super::placement::PlacedIds;
 use crate::base::error::{Error, Result};
 use crate::math::{Bounds, Cone, DBounds, Ray};
 use crate::structure::open::StoredTree;
 use crate::structure::{LocalRay, USUAL_DIRS};
 use glam::{DAffine3, DMat3, DVec3, Vec3};
+use std::ops::Deref;
 
 /// A tree with an affine map from its frame to the world: x -> `linear` x + `offset`.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Placed {
-    /// Index of the model in the scene.
-    pub model: u32,
-    /// Index of the tree in the model.
-    pub tree: u32,
-    /// Index of the instance in the scene.
-    pub instance: u32,
-    /// The model's part that is the tree's local part 0 here.
-    pub first_part: u32,
+    ids: PlacedIds,
     linear: DMat3,
     inverse: DMat3,
     offset: DVec3,
@@ -30,14 +25,21 @@ pub(crate) struct Placed {
     local_bounds: DBounds,
     /// Largest singular value of `linear`: no distance grows by a larger factor.
     pub stretch: f64,
-    /// A bound below the least singular value of `linear`: no distance grows by a smaller factor.
-    pub shrink: f64,
     /// Relative rounding error of a transformation to the tree's frame and back.
     loss: f64,
     /// Greatest distance of stored vertices from the input's vertices, in the world.
     pub position_error: f64,
     /// Bounds of the triangles in the world, rounding included.
     pub bounds: DBounds,
+}
+
+impl Deref for Placed {
+    type Target = PlacedIds;
+
+    #[inline(always)]
+    fn deref(&self) -> &PlacedIds {
+        &self.ids
+    }
 }
 
 /// Growth of the bounds of triangles that makes them hold all that rays may hit, as a fraction of their extents. It
@@ -100,6 +102,12 @@ const BEYOND: f64 = 1.0 / 262_144.0;
 /// The greatest ratio of singular values of a transform.
 const MOST_SKEW: f64 = 1e12;
 
+/// Rejects rotations with a scale that are not finite or have no inverse.
+pub(super) fn check_turn(m: &DAffine3) -> Result<()> {
+    let fine = m.is_finite() && m.matrix3.inverse().is_finite();
+    if fine { Ok(()) } else { Err(Error::bad_argument("the rotation or the scale is 0 or not finite")) }
+}
+
 /// Rejects transforms that are not finite, singular, or so close to singular that double precision fails.
 pub(crate) fn check_transform(m: &DAffine3) -> Result<()> {
     let inverse = m.matrix3.inverse();
@@ -139,12 +147,39 @@ fn loss(there: &DMat3, back: &DMat3) -> f64 {
     rows(*there * *back - DMat3::IDENTITY) + rows(there.abs() * back.abs()) * (8.0 * f64::EPSILON)
 }
 
+/// Measures of the linear part of a map to the world.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Measures {
+    /// See [`Placed::stretch`].
+    pub stretch: f64,
+    /// Relative rounding error of a transformation there and back.
+    pub loss: f64,
+}
+
+impl Measures {
+    /// The measures of `linear`, which [`check_transform`] accepts.
+    pub fn of(linear: &DMat3) -> Self {
+        let is_turned = *linear != DMat3::IDENTITY;
+        let turned = || {
+            let inverse = linear.inverse();
+            loss(linear, &inverse).max(loss(&inverse, linear))
+        };
+        let loss = if is_turned { turned() } else { 8.0 * f64::EPSILON };
+        Self { stretch: largest_singular_value(linear), loss }
+    }
+}
+
 impl Placed {
     /// Places `tree` of a model; `world_from_mesh` maps the model's mesh coordinates to the world.
-    pub fn new(tree: &StoredTree, ids: [u32; 4], world_from_mesh: &DAffine3) -> Self {
+    pub fn new(tree: &StoredTree, ids: PlacedIds, world_from_mesh: &DAffine3) -> Self {
+        Self::measured(tree, ids, world_from_mesh, Measures::of(&world_from_mesh.matrix3))
+    }
+
+    /// [`Placed::new`] with the measures of the map's linear part, which take longer than all of the rest.
+    pub fn measured(tree: &StoredTree, ids: PlacedIds, world_from_mesh: &DAffine3, measures: Measures) -> Self {
         let linear = world_from_mesh.matrix3;
         let offset = world_from_mesh.transform_point3(tree.origin);
-        let stretch = largest_singular_value(&linear);
+        let Measures { stretch, loss } = measures;
         let world = DAffine3 { matrix3: linear, translation: offset };
         let mut bounds = tree.bounds.transformed(&world);
         if !bounds.is_empty() {
@@ -154,12 +189,8 @@ impl Placed {
             bounds = DBounds { min: bounds.min - slack, max: bounds.max + slack };
         }
         let (inverse, unturned) = (linear.inverse(), linear == DMat3::IDENTITY);
-        let [model, index, instance, first_part] = ids;
         Self {
-            model,
-            tree: index,
-            instance,
-            first_part,
+            ids,
             linear,
             inverse,
             offset,
@@ -168,11 +199,15 @@ impl Placed {
             max_coord: f64::from(tree.max_coord),
             local_bounds: tree.bounds,
             stretch,
-            shrink: if unturned { 1.0 } else { 1.0 / largest_singular_value(&inverse) },
-            loss: if unturned { 8.0 * f64::EPSILON } else { loss(&linear, &inverse).max(loss(&inverse, &linear)) },
+            loss,
             position_error: tree.position_error * stretch,
             bounds,
         }
+    }
+
+    /// A bound below the least singular value of the map to the world: no distance grows by a smaller factor.
+    pub fn shrink(&self) -> f64 {
+        if self.unturned { 1.0 } else { 1.0 / largest_singular_value(&self.inverse) }
     }
 
     /// Greatest magnitude of a coordinate in the tree's frame.
@@ -467,7 +502,7 @@ impl Placed {
         let corner = DVec3::splat(f64::from(max_coord));
         let bounds = DBounds { min: -corner, max: corner };
         let tree = StoredTree::for_tests(origin, bounds, max_coord);
-        Self::new(&tree, [0; 4], world_from_mesh)
+        Self::new(&tree, PlacedIds::default(), world_from_mesh)
     }
 }
 

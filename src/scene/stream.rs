@@ -167,7 +167,7 @@ impl SceneView<'_> {
             return None;
         }
         let SceneStream { tree: stream, hits, at, rows, local, is_moved, unfinished, .. } = walk;
-        let (p, isa) = (&self.scene.placement.placed[placed as usize], self.scene.context().isa());
+        let (p, isa) = (self.scene.placed(placed), self.scene.context().isa());
         *is_moved = false;
         for (i, rays) in rays.chunks(PACKET).enumerate() {
             let (mut best, first) = ([0.0; PACKET], i * PACKET);
@@ -177,7 +177,7 @@ impl SceneView<'_> {
             }
             let among = first_rays(rays.len());
             let reach = (&best, self.widen_interval);
-            rows.take_all_into_tree(isa, p, among, reach, local, |i, (shift, scale)| {
+            rows.take_all_into_tree(isa, &p, among, reach, local, |i, (shift, scale)| {
                 if !*is_moved {
                     *is_moved = true;
                     at.fill(At { placed, shift: 0.0, scale: 1.0 });
@@ -322,8 +322,8 @@ impl SceneView<'_> {
     /// Equal for placed trees that rays may go through in one stream: placements of the same tree with all parts as in
     /// the file, or the same placed tree.
     fn tree_key(&self, placed: u32) -> u64 {
-        let p = &self.scene.placement.placed[placed as usize];
-        let is_as_in_file = self.scene.instances[p.instance as usize].parts.looks.is_empty();
+        let p = self.scene.ids_of(placed);
+        let is_as_in_file = self.scene.state_of(p.instance).parts.looks.is_empty();
         if is_as_in_file { u64::from(p.model) << 32 | u64::from(p.tree) } else { 1 << 63 | u64::from(placed) }
     }
 
@@ -340,8 +340,7 @@ impl SceneView<'_> {
         let mut local = LocalRay::NONE;
         loop {
             let placed = entering.placed;
-            if let Some((shift, scale)) =
-                self.scene.placement.placed[placed as usize].local(ray, best.t, self.widen_interval, &mut local)
+            if let Some((shift, scale)) = self.scene.placed(placed).local(ray, best.t, self.widen_interval, &mut local)
             {
                 let (tree, filter, single) = (self.tree(placed), self.filter(placed), &mut walk.single);
                 single.begin(&tree, &local);
@@ -390,9 +389,9 @@ impl SceneView<'_> {
             let like = bits(left).filter(|&i| run[i].placed == placed).fold(0, |like, i| like | 1 << i);
             left &= !like;
             bits(like).for_each(|i| at[i] = At { placed, shift: 0.0, scale: 1.0 });
-            let p = &self.scene.placement.placed[placed as usize];
+            let p = self.scene.placed(placed);
             let isa = self.scene.context().isa();
-            rows.take_all_into_tree(isa, p, like, (&best, self.widen_interval), local, |i, (shift, scale)| {
+            rows.take_all_into_tree(isa, &p, like, (&best, self.widen_interval), local, |i, (shift, scale)| {
                 at[i] = At { placed, shift, scale };
             });
             match (left, &mut all) {

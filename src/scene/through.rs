@@ -76,7 +76,7 @@ impl SceneView<'_> {
     /// ray's line crosses near the ray's interval, its side, and the span of its corners' distances. Hidden parts are
     /// left out. A triangle in several leaves comes several times. The caller tests the interval.
     pub fn through(&self, ray: &Ray, placed: u32, left: &mut Descent, visit: Crossed) {
-        let p = &self.scene.placement.placed[placed as usize];
+        let p = self.scene.placed(placed);
         let (tree, filter) = (self.tree(placed), self.filter(placed));
         let tree_origin = self.model_of(placed).trees()[p.tree as usize].origin;
         let (origin, dir) = p.in_mesh(ray);

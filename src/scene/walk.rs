@@ -312,7 +312,7 @@ impl<'a> SceneView<'a> {
     /// A placed tree of which walks pass by the blocks that `shown` has no parts of.
     #[inline]
     pub fn tree_showing(&self, placed: u32, shown: Option<&'a ShownBlocks>) -> Tree<'a> {
-        let p = &self.scene.placement.placed[placed as usize];
+        let p = self.scene.ids_of(placed);
         let Self { accept_missing, ties_by_place, stamp, stop, .. } = *self;
         let visit = Visit { accept_missing, ties_by_place, stamp, shown, proxies: None, stop };
         self.model_of(placed).tree_in(p.tree, &self.snapshots.0[p.model as usize], visit)
@@ -321,13 +321,13 @@ impl<'a> SceneView<'a> {
     /// The model of a placed tree.
     #[inline]
     pub fn model_of(&self, placed: u32) -> &'a Model {
-        &self.scene.models[self.scene.placement.placed[placed as usize].model as usize]
+        &self.scene.models[self.scene.ids_of(placed).model as usize]
     }
 
     #[inline]
     pub(crate) fn filter(&self, placed: u32) -> Option<PartFilter<'a>> {
-        let p = &self.scene.placement.placed[placed as usize];
-        let parts = &self.scene.instances[p.instance as usize].parts;
+        let p = self.scene.ids_of(placed);
+        let parts = &self.scene.state_of(p.instance).parts;
         let filter = || PartFilter {
             hidden: &parts.looks.hidden,
             first_part: p.first_part,
@@ -351,12 +351,12 @@ impl<'a> SceneView<'a> {
     pub fn triangle(&self, found: &Found) -> std::result::Result<(Triangle, u32), Need> {
         let tree = self.tree(found.placed);
         let triangle = tree.triangle(&found.tri).ok_or_else(|| self.need(found.placed, tree.block_of(&found.tri)))?;
-        let first_part = self.scene.placement.placed[found.placed as usize].first_part;
+        let first_part = self.scene.ids_of(found.placed).first_part;
         Ok((triangle, first_part.saturating_add(triangle.part)))
     }
 
     pub(crate) fn need(&self, placed: u32, block: BlockId) -> Need {
-        Need { model: self.scene.placement.placed[placed as usize].model, block }
+        Need { model: self.scene.ids_of(placed).model, block }
     }
 
     /// Finds the closest hit of a ray, or any hit if `ANY`; `None` if a block is missing.
@@ -376,7 +376,7 @@ impl<'a> SceneView<'a> {
             return Some(best);
         }
         let mut local = LocalRay::NONE;
-        let p = &self.scene.placement.placed[placed as usize];
+        let p = self.scene.placed(placed);
         let Some((shift, scale)) = p.local(ray, ray.t_max, self.widen_interval, &mut local) else { return Some(best) };
         let (tree, filter) = (self.tree(placed), self.filter(placed));
         walk.begin(&tree, &local);
@@ -442,7 +442,7 @@ impl<'a> SceneView<'a> {
             return None;
         }
         let mut local = LocalRay::NONE;
-        let p = &self.scene.placement.placed[placed as usize];
+        let p = self.scene.placed(placed);
         let (shift, scale) = p.local(ray, best, self.widen_interval, &mut local)?;
         walk.begin(&self.tree(placed), &local);
         Some(At { placed, shift, scale })

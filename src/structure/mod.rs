@@ -5,8 +5,8 @@
 //! (the state of rays), `tree` (one enum over all structures: rays in, hits out), `open` (from a file to its trees, and
 //! the decoder for residency), `nodes` (nodes by their places, for programs that walk trees by themselves), `bake`
 //! (triangles in, blocks out), `pairs` (walks through pairs of trees), `rows` (children and triangles of a place, eight
-//! at a time), `eight` (the same for distances), `nearest` (distances from a point to them), `streams` (per-triangle
-//! numbers in blocks of their own), `fallback` (packets and streams for a structure that traces single rays only).
+//! at a time), `nearest` (distances from a point to them), `streams` (per-triangle numbers in blocks of their own),
+//! `fallback` (packets and streams for a structure that traces single rays only).
 //!
 //! Each structure is a folder with three main modules: `build` (triangles in, blocks out), `layout` (the bytes of a
 //! block, shared by baking and tracing) and `trace` (rays in, hits out). A new structure needs such a folder, a variant
@@ -21,7 +21,6 @@ mod bytes;
 pub mod bvh;
 pub mod cell;
 pub mod cursor;
-pub mod eight;
 pub mod fallback;
 pub mod filter;
 pub mod hit;
@@ -48,7 +47,6 @@ pub mod tree;
 pub mod walk;
 
 pub use cursor::{Below, Descent, for_each_triangle};
-pub use eight::{EIGHT, Eight, Lanes};
 pub use filter::{PartFilter, ShownBlock, ShownBlocks, Within};
 pub use hit::{Counters, Outcome, StandIn, TriHit, Triangle};
 pub use nodes::{LeafTriangle, Node};
@@ -58,6 +56,7 @@ pub use par::Par;
 pub use place::{Place, Rooted};
 pub use ray::{LocalRay, LocalRays, USUAL_DIRS};
 pub use resident::{Forms, Made, MakeForms, Resident};
+pub use rows::{COLUMNS, Lanes, Rows};
 pub use stream::Stream;
 pub use tree::{Blocks, Bundle, NEVER, Tree, Visit};
 pub use walk::Walk;

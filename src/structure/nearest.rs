@@ -4,7 +4,7 @@
 //! that frame changes all lengths almost alike, boxes are tested in the tree's frame, where they are tight; otherwise
 //! around their image.
 
-use super::eight::{EIGHT, Eight, Lanes};
+use super::rows::{COLUMNS, Lanes, Rows};
 use glam::{DAffine3, DMat3, DVec3};
 
 /// A tree around a point.
@@ -42,9 +42,9 @@ impl PointFrame {
             }
             None => {
                 let image = self.image(bounds);
-                let mut sum = [0.0; EIGHT];
+                let mut sum = [0.0; COLUMNS];
                 for [middle, half] in &image {
-                    for lane in 0..EIGHT {
+                    for lane in 0..COLUMNS {
                         let beyond = positive(middle[lane].abs() - half[lane]);
                         sum[lane] += beyond * beyond;
                     }
@@ -58,9 +58,9 @@ impl PointFrame {
     /// but for rounding.
     #[inline(always)]
     pub fn farthest(&self, bounds: &[Lanes; 6]) -> Lanes {
-        let mut sum = [0.0; EIGHT];
+        let mut sum = [0.0; COLUMNS];
         for [middle, half] in &self.image(bounds) {
-            for lane in 0..EIGHT {
+            for lane in 0..COLUMNS {
                 let far = middle[lane].abs() + half[lane];
                 sum[lane] += far * far;
             }
@@ -71,11 +71,11 @@ impl PointFrame {
     /// The middle and half of the extent, along each axis, of boxes around the images of boxes.
     #[inline(always)]
     pub fn image(&self, bounds: &[Lanes; 6]) -> [[Lanes; 2]; 3] {
-        let mut out = [[[0.0; EIGHT]; 2]; 3];
+        let mut out = [[[0.0; COLUMNS]; 2]; 3];
         let [x, y, z] = self.map.matrix3.to_cols_array_2d();
         for (axis, [middle, half]) in out.iter_mut().enumerate() {
             let (row, from) = ([x[axis], y[axis], z[axis]], self.map.translation[axis]);
-            for lane in 0..EIGHT {
+            for lane in 0..COLUMNS {
                 let (mut at, mut reach) = (from, 0.0);
                 for k in 0..3 {
                     let (low, high) = (bounds[k][lane], bounds[k + 3][lane]);
@@ -90,35 +90,18 @@ impl PointFrame {
 
     /// Places the corners of triangles.
     #[inline(always)]
-    pub fn corners(&self, eight: &Eight) -> [[Lanes; 3]; 3] {
-        let mut out = [[[0.0; EIGHT]; 3]; 3];
-        let (m, t) = (&self.map.matrix3, &self.map.translation);
-        let [x, y, z] = m.to_cols_array_2d();
-        for (out, corner) in out.iter_mut().zip(&eight.corners) {
-            for axis in 0..3 {
-                if self.is_shift {
-                    for lane in 0..EIGHT {
-                        out[axis][lane] = corner[axis][lane] + t[axis];
-                    }
-                } else {
-                    for lane in 0..EIGHT {
-                        let product = x[axis] * corner[0][lane] + y[axis] * corner[1][lane] + z[axis] * corner[2][lane];
-                        out[axis][lane] = product + t[axis];
-                    }
-                }
-            }
-        }
-        out
+    pub fn corners(&self, rows: &Rows) -> [[Lanes; 3]; 3] {
+        rows.placed(&self.map, self.is_shift)
     }
 }
 
 /// Squared distances from the origin to the boxes of triangles.
 #[inline(always)]
 pub fn squared_to_triangles(corners: &[[Lanes; 3]; 3]) -> Lanes {
-    let mut sum = [0.0; EIGHT];
+    let mut sum = [0.0; COLUMNS];
     let [a, b, c] = corners;
     for axis in 0..3 {
-        for lane in 0..EIGHT {
+        for lane in 0..COLUMNS {
             let (x, y, z) = (a[axis][lane], b[axis][lane], c[axis][lane]);
             let beyond = positive(greater(lesser(lesser(x, y), z), -greater(greater(x, y), z)));
             sum[lane] += beyond * beyond;
@@ -130,10 +113,10 @@ pub fn squared_to_triangles(corners: &[[Lanes; 3]; 3]) -> Lanes {
 /// Squared distances from a point to boxes.
 #[inline(always)]
 fn squared_to(bounds: &[Lanes; 6], point: DVec3) -> Lanes {
-    let mut sum = [0.0; EIGHT];
+    let mut sum = [0.0; COLUMNS];
     for axis in 0..3 {
         let at = point[axis];
-        for lane in 0..EIGHT {
+        for lane in 0..COLUMNS {
             let beyond = positive(greater(bounds[axis][lane] - at, at - bounds[axis + 3][lane]));
             sum[lane] += beyond * beyond;
         }
@@ -144,14 +127,14 @@ fn squared_to(bounds: &[Lanes; 6], point: DVec3) -> Lanes {
 /// The triangle of a lane.
 #[inline(always)]
 pub fn triangle_of(corners: &[[Lanes; 3]; 3], lane: usize) -> [DVec3; 3] {
-    let lane = lane % EIGHT;
+    let lane = lane % COLUMNS;
     corners.each_ref().map(|c| DVec3::new(c[0][lane], c[1][lane], c[2][lane]))
 }
 
 /// The lanes with numbers of at most `limit`.
 #[inline(always)]
 pub fn at_most(lanes: &Lanes, limit: f64) -> u32 {
-    (0..EIGHT).fold(0, |mask, lane| mask | u32::from(lanes[lane] <= limit) << lane)
+    (0..COLUMNS).fold(0, |mask, lane| mask | u32::from(lanes[lane] <= limit) << lane)
 }
 
 /// The greater one: one instruction, without the rules for NaN.
@@ -176,7 +159,7 @@ pub fn positive(x: f64) -> f64 {
 /// children of one place, few enough to be inserted one by one.
 #[inline(always)]
 pub fn sort_nearest_last<T: Copy>(all: &mut [T], squared: impl Fn(&T) -> f64) {
-    if all.len() > EIGHT {
+    if all.len() > COLUMNS {
         return all.sort_by(|a, b| squared(b).total_cmp(&squared(a)));
     }
     for i in 1..all.len() {

@@ -2,22 +2,16 @@
 //! through [pairs](super::pairs) of trees open them.
 
 use super::place::{Place, Rooted};
-use super::rows::{COLUMNS, PartsBelow, Rows};
+use super::rows::{COLUMNS as LANES, Lanes as Row, Rows};
 use super::tree::Tree;
-use super::{Below, TriHit};
 use crate::base::ids::BlockId;
 use crate::geom::{Eight, Lot, One};
-use crate::math::{Bounds, DBounds};
+use crate::math::bits;
 use crate::simd::{Lanes, Mask, Op, Simd, dispatch};
-use glam::{DAffine3, DMat3, DVec3, Vec3};
+use glam::{DAffine3, DMat3, DVec3};
 
-/// Number of boxes that are tested at a time.
-pub(super) const LANES: usize = COLUMNS;
 /// Number of opened places that a cache keeps.
 const KEPT: usize = 64;
-
-/// A number of each of eight boxes or triangles.
-type Row = [f64; LANES];
 
 /// A tree, placed in the common frame of a pair.
 #[derive(Clone, Copy)]
@@ -43,36 +37,13 @@ impl PairFrame {
         Self { map, is_shift: map.matrix3 == DMat3::IDENTITY, grown }
     }
 
-    /// Places a corner.
+    /// Returns bounds of all placed corners in eight boxes: the low and the high planes, by axis.
     #[inline(always)]
-    pub fn corner(&self, v: Vec3) -> DVec3 {
-        let v = v.as_dvec3();
-        if self.is_shift { v + self.map.translation } else { self.map.matrix3 * v + self.map.translation }
-    }
-
-    /// Returns bounds of all placed corners in a box.
-    #[inline]
-    fn around(&self, b: &Bounds) -> DBounds {
-        let local = DBounds { min: b.min.as_dvec3(), max: b.max.as_dvec3() };
-        if self.is_shift {
-            // Rounding is monotonic.
-            return DBounds { min: local.min + self.map.translation, max: local.max + self.map.translation };
-        }
-        let m = &self.map.matrix3;
-        let (middle, half) = ((local.min + local.max) * 0.5, (local.max - local.min) * 0.5);
-        let reach = m.abs() * half;
-        // Of a few roundings of each term.
-        let slack = (m.abs() * (middle.abs() + half) + self.map.translation.abs()) * (8.0 * f64::EPSILON);
-        let middle = *m * middle + self.map.translation;
-        DBounds { min: middle - reach - slack, max: middle + reach + slack }
-    }
-
-    /// [`PairFrame::around`] of eight boxes: the low and the high planes, by axis.
-    #[inline(always)]
-    fn around_all(&self, bounds: &[[f32; LANES]; 6]) -> [[Row; 3]; 2] {
+    fn around(&self, bounds: &[[f32; LANES]; 6]) -> [[Row; 3]; 2] {
         let mut out = [[[0.0; LANES]; 3]; 2];
         let t = self.map.translation;
         if self.is_shift {
+            // Rounding is monotonic.
             for axis in 0..3 {
                 for i in 0..LANES {
                     out[0][axis][i] = f64::from(bounds[axis][i]) + t[axis];
@@ -95,6 +66,7 @@ impl PairFrame {
             for i in 0..LANES {
                 let reach = u * half[0][i] + v * half[1][i] + w * half[2][i];
                 let size = u * middle[0][i].abs() + v * middle[1][i].abs() + w * middle[2][i].abs() + reach;
+                // Of a few roundings of each term.
                 let slack = (size + t[axis].abs()) * (8.0 * f64::EPSILON);
                 let at = x * middle[0][i] + y * middle[1][i] + z * middle[2][i] + t[axis];
                 out[0][axis][i] = at - reach - slack;
@@ -103,92 +75,64 @@ impl PairFrame {
         }
         out
     }
+}
 
-    /// [`PairFrame::corner`] of many corners, by axis, to the bit.
-    #[inline(always)]
-    fn corners<const N: usize>(&self, v: &[[f32; N]; 3]) -> [[f64; N]; 3] {
-        let (m, t) = (&self.map.matrix3, self.map.translation);
-        let mut out = [[0.0; N]; 3];
-        for axis in 0..3 {
-            let [x, y, z] = [m.x_axis[axis], m.y_axis[axis], m.z_axis[axis]];
-            for i in 0..N {
-                let v = [f64::from(v[0][i]), f64::from(v[1][i]), f64::from(v[2][i])];
-                let turned = if self.is_shift { v[axis] } else { x * v[0] + y * v[1] + z * v[2] };
-                out[axis][i] = turned + t[axis];
-            }
-        }
-        out
+/// Boxes in single precision, rounded outward: low x, y, z, high x, y, z. Lanes without a box overlap nothing.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Boxes([[f32; LANES]; 6]);
+
+impl Default for Boxes {
+    fn default() -> Self {
+        let (high, low) = ([f32::INFINITY; LANES], [f32::NEG_INFINITY; LANES]);
+        Self([high, high, high, low, low, low])
     }
 }
-
-/// Boxes in single precision, rounded outward. Lanes without a box overlap nothing.
-#[derive(Debug, Default, Clone)]
-pub(super) struct Boxes {
-    pub count: usize,
-    pub rows: Vec<[[f32; LANES]; 6]>,
-}
-
-const NO_BOXES: [[f32; LANES]; 6] = {
-    let (high, low) = ([f32::INFINITY; LANES], [f32::NEG_INFINITY; LANES]);
-    [high, high, high, low, low, low]
-};
 
 impl Boxes {
-    fn clear(&mut self) {
-        self.count = 0;
-        self.rows.clear();
-    }
-
-    fn push(&mut self, b: &DBounds, grown: f64) {
-        let lane = self.count % LANES;
-        if lane == 0 {
-            self.rows.push(NO_BOXES);
-        }
-        let row = self.rows.last_mut().expect("a row was pushed");
-        for axis in 0..3 {
-            row[axis][lane] = below(b.min[axis] - grown);
-            row[axis + 3][lane] = above(b.max[axis] + grown);
-        }
-        self.count += 1;
-    }
-
-    /// Sets the only row, of `count` boxes.
+    /// The boxes of a mask, grown.
     #[inline(always)]
-    fn set(&mut self, [low, high]: &[[Row; 3]; 2], count: usize, grown: f64) {
-        let mut row = NO_BOXES;
+    fn new([low, high]: &[[Row; 3]; 2], mask: u32, grown: f64) -> Self {
+        let mut boxes = Self::default();
         for axis in 0..3 {
             for i in 0..LANES {
                 let (least, greatest) = (below(low[axis][i] - grown), above(high[axis][i] + grown));
-                row[axis][i] = if i < count { least } else { f32::INFINITY };
-                row[axis + 3][i] = if i < count { greatest } else { f32::NEG_INFINITY };
+                let is_box = mask & 1 << i != 0;
+                boxes.0[axis][i] = if is_box { least } else { f32::INFINITY };
+                boxes.0[axis + 3][i] = if is_box { greatest } else { f32::NEG_INFINITY };
             }
         }
-        self.count = count;
-        self.rows.clear();
-        self.rows.push(row);
+        boxes
     }
 
     /// The box with this index.
     #[inline(always)]
     pub fn get(&self, i: usize) -> [f32; 6] {
-        let row = &self.rows[i / LANES];
-        let lane = i % LANES;
-        [row[0][lane], row[1][lane], row[2][lane], row[3][lane], row[4][lane], row[5][lane]]
+        let (row, i) = (&self.0, i % LANES);
+        [row[0][i], row[1][i], row[2][i], row[3][i], row[4][i], row[5][i]]
     }
 
     /// The box around all.
     #[inline(always)]
     fn all(&self) -> [f32; 6] {
-        let mut all =
-            [f32::INFINITY, f32::INFINITY, f32::INFINITY, f32::NEG_INFINITY, f32::NEG_INFINITY, f32::NEG_INFINITY];
-        for row in &self.rows {
-            let (low, high) = row.split_at(3);
-            for axis in 0..3 {
-                all[axis] = low[axis].iter().fold(all[axis], |least, x| least.min(*x));
-                all[axis + 3] = high[axis].iter().fold(all[axis + 3], |most, x| most.max(*x));
-            }
+        let (low, high) = self.0.split_at(3);
+        let mut all = [0.0; 6];
+        for axis in 0..3 {
+            all[axis] = low[axis].iter().fold(f32::INFINITY, |least, x| least.min(*x));
+            all[axis + 3] = high[axis].iter().fold(f32::NEG_INFINITY, |most, x| most.max(*x));
         }
         all
+    }
+
+    /// Returns the boxes that overlap a box. All boxes are closed.
+    #[inline(always)]
+    pub fn overlaps<S: Simd>(&self, s: S, one: &[f32; 6]) -> u32 {
+        let row = &self.0;
+        let mut mask = s.load8(&row[0]).le(s.splat8(one[3])).and(s.splat8(one[0]).le(s.load8(&row[3])));
+        for axis in 1..3 {
+            mask = mask.and(s.load8(&row[axis]).le(s.splat8(one[axis + 3])));
+            mask = mask.and(s.splat8(one[axis]).le(s.load8(&row[axis + 3])));
+        }
+        mask.bits()
     }
 }
 
@@ -206,56 +150,51 @@ fn above(x: f64) -> f32 {
     -below(-x)
 }
 
-/// Returns the lanes of a row whose boxes overlap a box. All boxes are closed.
-#[inline(always)]
-pub(super) fn overlaps<S: Simd>(s: S, row: &[[f32; LANES]; 6], one: &[f32; 6]) -> u32 {
-    let mut mask = s.load8(&row[0]).le(s.splat8(one[3])).and(s.splat8(one[0]).le(s.load8(&row[3])));
-    for axis in 1..3 {
-        mask = mask.and(s.load8(&row[axis]).le(s.splat8(one[axis + 3])));
-        mask = mask.and(s.splat8(one[axis]).le(s.load8(&row[axis + 3])));
-    }
-    mask.bits()
-}
-
-/// The triangles of a leaf, placed.
+/// An opened place: its children, or its triangles, placed.
 #[derive(Debug, Default, Clone)]
-pub struct PairLeaf {
-    /// Where the triangles are in the tree.
-    pub hits: Vec<TriHit>,
-    /// Their parts, as parts of the tree.
-    pub parts: Vec<u32>,
-    /// Their corners in the common frame.
-    pub triangles: Vec<[DVec3; 3]>,
+pub struct Opened {
+    place: Option<Place>,
+    /// The children or triangles in the tree.
+    pub rows: Rows,
     pub(super) boxes: Boxes,
-    /// The box around all.
+    /// Triangles: the box around all.
     pub(super) all: [f32; 6],
-    /// The triangles, eight at a time, and one by one, for the filter; empty until they are needed.
-    pub(super) lots: Vec<Lot>,
+    /// Triangles: their corners in the common frame.
+    pub triangles: Vec<[DVec3; 3]>,
+    /// The triangles as one lot, and one by one, for the filter; empty until they are needed.
+    pub(super) lot: Vec<Lot>,
     pub(super) ones: Vec<One>,
-    /// Corners, and low and high ends of boxes, by lanes, if the leaf came in rows.
+    /// Triangles: corners, and low and high ends of boxes, by lanes.
     at: Eight,
     ends: [[Row; 3]; 2],
-    is_in_rows: bool,
 }
 
-impl PairLeaf {
-    fn clear(&mut self) {
-        self.boxes.clear();
-        self.hits.clear();
-        self.parts.clear();
-        self.triangles.clear();
-        self.lots.clear();
-        self.ones.clear();
-        self.is_in_rows = false;
+impl Opened {
+    /// Forgets its place.
+    pub(super) fn clear(&mut self) {
+        self.place = None;
+    }
+
+    /// Opens a place, unless it is open. `parts`: the parts below the children are needed. Fails with the place's block
+    /// if that is not in memory.
+    pub(super) fn open(&mut self, side: &PairSide, place: Place, parts: bool) -> Result<(), BlockId> {
+        if self.place == Some(place) {
+            return Ok(());
+        }
+        self.place = None;
+        dispatch(side.tree.isa(), Open { opened: self, side, place, parts })?;
+        self.place = Some(place);
+        Ok(())
     }
 
     /// True if all triangles are of one part.
     #[inline(always)]
     pub(super) fn is_of_one_part(&self) -> bool {
-        self.parts.iter().all(|part| *part == self.parts[0])
+        let parts = &self.rows.parts[..self.triangles.len()];
+        parts.iter().all(|part| *part == parts[0])
     }
 
-    /// Prepares the triangles for the filter, as those that are compared with lots.
+    /// Prepares the triangles for the filter, as those that are compared with a lot.
     #[inline(always)]
     pub(super) fn prepare_ones(&mut self) {
         if self.ones.is_empty() {
@@ -263,117 +202,40 @@ impl PairLeaf {
         }
     }
 
-    /// Prepares the triangles for the filter, as lots.
+    /// Prepares the triangles for the filter, as a lot.
     #[inline(always)]
-    pub(super) fn prepare_lots(&mut self) {
-        if !self.lots.is_empty() {
-            return;
-        }
-        if self.is_in_rows {
-            self.lots.push(Lot::of_lanes(&self.triangles, &self.at, &self.ends));
-        } else {
-            self.lots.extend(self.triangles.chunks(LANES).map(Lot::new));
+    pub(super) fn prepare_lot(&mut self) {
+        if self.lot.is_empty() {
+            self.lot.push(Lot::of_lanes(&self.triangles, &self.at, &self.ends));
         }
     }
 }
 
-/// An opened place: its children, or its triangles.
-#[derive(Debug, Default, Clone)]
-pub(super) struct Opened {
-    place: Option<Place>,
-    /// The children, and true for leaves.
-    pub children: Vec<(Place, bool)>,
-    pub boxes: Boxes,
-    /// The parts below each child.
-    pub below: Vec<PartsBelow>,
-    pub leaf: PairLeaf,
-    rows: Rows,
-}
-
-impl Opened {
-    /// Forgets its place.
-    pub fn clear(&mut self) {
-        self.place = None;
-    }
-
-    /// Opens a place, unless it is open. `parts`: the parts below the children are needed. Fails with the place's block
-    /// if that is not in memory.
-    pub fn open(&mut self, side: &PairSide, place: Place, parts: bool) -> Result<(), BlockId> {
-        if self.place == Some(place) {
-            return Ok(());
-        }
-        self.place = None;
-        if side.tree.rows(place, parts, &mut self.rows)? {
-            dispatch(side.tree.isa(), PlaceRows { opened: self, frame: side.frame, parts });
-        } else {
-            self.expand(side, place)?;
-        }
-        self.place = Some(place);
-        Ok(())
-    }
-
-    /// Opens a place of a tree without rows.
-    fn expand(&mut self, side: &PairSide, place: Place) -> Result<(), BlockId> {
-        let Self { children, boxes, below, leaf, .. } = self;
-        let (frame, grown) = (side.frame, side.frame.grown);
-        children.clear();
-        boxes.clear();
-        below.clear();
-        leaf.clear();
-        let mut child = |place, bounds: &Bounds, is_leaf| {
-            children.push((place, is_leaf));
-            below.push(PartsBelow::UNKNOWN);
-            boxes.push(&frame.around(bounds), grown);
-        };
-        let mut triangle = |hit: &TriHit, triangle: &super::Triangle| {
-            let corners = triangle.vertices.map(|v| frame.corner(v));
-            let [a, b, c] = corners;
-            leaf.boxes.push(&DBounds { min: a.min(b).min(c), max: a.max(b).max(c) }, grown);
-            leaf.hits.push(*hit);
-            leaf.parts.push(triangle.part);
-            leaf.triangles.push(corners);
-        };
-        side.tree.expand(place, &mut Below { child: &mut child, triangle: &mut triangle })?;
-        leaf.all = leaf.boxes.all();
-        Ok(())
-    }
-}
-
-/// Places the rows of an opened place.
-struct PlaceRows<'a> {
+/// Reads a place and puts it in the common frame.
+struct Open<'a> {
     opened: &'a mut Opened,
-    frame: &'a PairFrame,
+    side: &'a PairSide<'a>,
+    place: Place,
     parts: bool,
 }
 
-impl Op for PlaceRows<'_> {
-    type Out = ();
+impl Op for Open<'_> {
+    type Out = Result<(), BlockId>;
 
     #[inline(always)]
-    fn run<S: Simd>(self, _: S) {
-        let Self { opened: Opened { children, boxes, below, leaf, rows, .. }, frame, parts } = self;
-        let count = rows.count;
-        children.clear();
-        below.clear();
+    fn run<S: Simd>(self, _: S) -> Result<(), BlockId> {
+        let Self { opened, side: PairSide { tree, frame }, place, parts } = self;
+        let Opened { rows, boxes, all, triangles, lot, ones, at, ends, .. } = opened;
+        tree.rows(place, parts, rows)?;
+        triangles.clear();
         if !rows.is_leaf {
-            boxes.set(&frame.around_all(&rows.bounds), count, frame.grown);
-            children.extend((0..count).map(|i| (rows.places[i], rows.leaves >> i & 1 == 1)));
-            if parts {
-                below.extend_from_slice(&rows.below[..count]);
-            }
-            return;
+            *boxes = Boxes::new(&frame.around(&rows.bounds), rows.mask, frame.grown);
+            return Ok(());
         }
-        leaf.clear();
-        let vertices = frame.corners(&rows.vertices);
-        let at = &mut leaf.at;
-        for corner in 0..3 {
-            for axis in 0..3 {
-                for i in 0..LANES {
-                    at[corner][axis][i] = vertices[axis][usize::from(rows.corners[corner][i]) % 16];
-                }
-            }
-        }
-        let [low, high] = &mut leaf.ends;
+        lot.clear();
+        ones.clear();
+        *at = rows.placed(&frame.map, frame.is_shift);
+        let [low, high] = &mut *ends;
         for axis in 0..3 {
             for i in 0..LANES {
                 let [a, b, c] = [at[0][axis][i], at[1][axis][i], at[2][axis][i]];
@@ -382,14 +244,11 @@ impl Op for PlaceRows<'_> {
                 high[axis][i] = if greatest > c { greatest } else { c };
             }
         }
-        leaf.boxes.set(&leaf.ends, count, frame.grown);
-        leaf.all = leaf.boxes.all();
-        leaf.is_in_rows = true;
-        let at = &leaf.at;
+        *boxes = Boxes::new(ends, rows.mask, frame.grown);
+        *all = boxes.all();
         let corner = |c: usize, i: usize| DVec3::new(at[c][0][i], at[c][1][i], at[c][2][i]);
-        leaf.triangles.extend((0..count).map(|i| [corner(0, i), corner(1, i), corner(2, i)]));
-        leaf.parts.extend_from_slice(&rows.parts[..count]);
-        leaf.hits.extend((0..count as u32).map(|i| TriHit { tri: rows.first.tri | i, ..rows.first }));
+        triangles.extend(bits(rows.mask).map(|i| [corner(0, i), corner(1, i), corner(2, i)]));
+        Ok(())
     }
 }
 

@@ -8,9 +8,10 @@
 //! one another. So each place of the first tree is opened once, and those of the second tree are opened again and again
 //! while they are in the cache. Pairs of places whose parts are not compared are left out.
 
-use super::opened::{Boxes, Cache, LANES, Opened, overlaps};
-pub use super::opened::{PairFrame, PairLeaf, PairSide};
+use super::opened::Cache;
+pub use super::opened::{Opened, PairFrame, PairSide};
 use super::place::{Place, Rooted};
+use super::rows::COLUMNS;
 pub use super::rows::PartsBelow;
 use super::tree::Tree;
 use crate::base::ids::BlockId;
@@ -55,7 +56,7 @@ pub struct PairWalk {
     /// The rest of the entries of one place of the first tree.
     group: Vec<Entry>,
     /// The pairs below, by child of the place of the first tree.
-    below: Vec<Vec<Entry>>,
+    below: [Vec<Entry>; COLUMNS],
     /// Steps so far.
     pub counters: PairCounters,
 }
@@ -80,10 +81,10 @@ pub struct PairDescent {
 #[derive(Clone, Copy)]
 pub struct Near<'a> {
     /// The leaf of the first tree, and the index of the triangle.
-    pub a: (&'a PairLeaf, usize),
-    /// The leaf of the second tree, and the index that bit 0 of masks means: bit `i` is triangle `index + i`.
-    pub b: (&'a PairLeaf, usize),
-    /// The triangles.
+    pub a: (&'a Opened, usize),
+    /// The leaf of the second tree.
+    pub b: &'a Opened,
+    /// Its triangles (bit `i`: triangle `i`).
     pub mask: u32,
 }
 
@@ -197,7 +198,6 @@ impl PairWalk {
         let Self { a, b, group, below, counters, .. } = self;
         let b = b[usize::from(entry.is_leaf[1])].open(side, entry.b, visit.selects())?;
         counters.places += 1;
-        below.resize_with(below.len().max(a.children.len()), Vec::new);
         let is_same = is_self && entry.a == entry.b;
         Ok(dispatch(side.tree.isa(), Meet { a, b, entry, is_same, group, below, counters, visit }))
     }
@@ -211,21 +211,9 @@ struct Meet<'a> {
     /// True if both are one place of one tree.
     is_same: bool,
     group: &'a mut Vec<Entry>,
-    below: &'a mut Vec<Vec<Entry>>,
+    below: &'a mut [Vec<Entry>; COLUMNS],
     counters: &'a mut PairCounters,
     visit: &'a mut dyn PairVisit,
-}
-
-/// Calls `take` with the index of each box that overlaps one, from index `from` on.
-#[inline(always)]
-fn each_near<S: Simd>(s: S, boxes: &Boxes, one: &[f32; 6], from: usize, mut take: impl FnMut(usize)) {
-    for (row, at) in boxes.rows.iter().zip((0..).step_by(LANES)) {
-        let mut met = overlaps(s, row, one) & beyond(at, from);
-        while met != 0 {
-            take(at + met.trailing_zeros() as usize);
-            met &= met - 1;
-        }
-    }
 }
 
 impl Op for Meet<'_> {
@@ -234,30 +222,37 @@ impl Op for Meet<'_> {
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> bool {
         let Self { a, b, entry, is_same, group, below, counters, visit } = self;
+        if [a.rows.is_leaf, b.rows.is_leaf] != entry.is_leaf {
+            // Only in a deliberately malformed file.
+            return true;
+        }
         let selects = visit.selects();
         match entry.is_leaf {
-            [true, true] => return leaves(s, [&mut a.leaf, &mut b.leaf], is_same, counters, visit),
+            [true, true] => return leaves(s, [a, b], is_same, counters, visit),
             [true, false] => {
                 // The group is taken from its end.
                 let first = group.len();
-                each_near(s, &b.boxes, &a.leaf.all, 0, |i| {
-                    let (place, is_leaf) = b.children[i];
-                    group.push(Entry { a: entry.a, b: place, is_leaf: [true, is_leaf] });
-                });
+                for i in bits(b.boxes.overlaps(s, &a.all)) {
+                    let is_leaf = [true, b.rows.is_leaf_below(i)];
+                    group.push(Entry { a: entry.a, b: b.rows.places[i], is_leaf });
+                }
                 group[first..].reverse();
             }
-            [false, true] => each_near(s, &a.boxes, &b.leaf.all, 0, |i| {
-                let (place, is_leaf) = a.children[i];
-                below[i].push(Entry { a: place, b: entry.b, is_leaf: [is_leaf, true] });
-            }),
+            [false, true] => {
+                for i in bits(a.boxes.overlaps(s, &b.all)) {
+                    let is_leaf = [a.rows.is_leaf_below(i), true];
+                    below[i].push(Entry { a: a.rows.places[i], b: entry.b, is_leaf });
+                }
+            }
             [false, false] => {
-                for (i, &(place_a, leaf_a)) in a.children.iter().enumerate() {
-                    each_near(s, &b.boxes, &a.boxes.get(i), if is_same { i } else { 0 }, |j| {
-                        let (place_b, leaf_b) = b.children[j];
-                        if !selects || visit.may_want(&a.below[i], &b.below[j]) {
-                            below[i].push(Entry { a: place_a, b: place_b, is_leaf: [leaf_a, leaf_b] });
+                for i in bits(a.rows.mask) {
+                    let met = b.boxes.overlaps(s, &a.boxes.get(i)) & from(if is_same { i } else { 0 });
+                    for j in bits(met) {
+                        if !selects || visit.may_want(&a.rows.below[i], &b.rows.below[j]) {
+                            let is_leaf = [a.rows.is_leaf_below(i), b.rows.is_leaf_below(j)];
+                            below[i].push(Entry { a: a.rows.places[i], b: b.rows.places[j], is_leaf });
                         }
-                    });
+                    }
                 }
             }
         }
@@ -269,7 +264,7 @@ impl Op for Meet<'_> {
 #[inline(always)]
 fn leaves<S: Simd>(
     s: S,
-    [a, b]: [&mut PairLeaf; 2],
+    [a, b]: [&mut Opened; 2],
     is_same: bool,
     counters: &mut PairCounters,
     visit: &mut dyn PairVisit,
@@ -279,36 +274,30 @@ fn leaves<S: Simd>(
     }
     // What holds for one pair of two parts holds for all.
     let are_alike = a.is_of_one_part() && b.is_of_one_part();
-    if are_alike && visit.wanted(&Near { a: (a, 0), b: (b, 0), mask: 1 }) == 0 {
+    if are_alike && visit.wanted(&Near { a: (a, 0), b, mask: 1 }) == 0 {
         return true;
     }
-    for (row_a, at_a) in (0..).step_by(LANES).enumerate().take(a.boxes.rows.len()) {
-        let near_b = overlaps(s, &a.boxes.rows[row_a], &b.all);
-        for i in bits(near_b).map(|lane| at_a + lane) {
-            let (one, from) = (a.boxes.get(i), if is_same { i + 1 } else { 0 });
-            for (row_b, at) in (0..).step_by(LANES).enumerate().take(b.boxes.rows.len()) {
-                let met = overlaps(s, &b.boxes.rows[row_b], &one) & beyond(at, from);
-                if met == 0 {
-                    continue;
-                }
-                counters.triangles += u64::from(met.count_ones());
-                let mask = if are_alike { met } else { visit.wanted(&Near { a: (a, i), b: (b, at), mask: met }) };
-                if mask != 0 {
-                    a.prepare_ones();
-                    b.prepare_lots();
-                    let sifted = sift(s, &a.ones[i], &b.lots[row_b], mask);
-                    if !visit.take(&Near { a: (a, i), b: (b, at), mask }, sifted) {
-                        return false;
-                    }
-                }
+    for i in bits(a.boxes.overlaps(s, &b.all)) {
+        let met = b.boxes.overlaps(s, &a.boxes.get(i)) & from(if is_same { i + 1 } else { 0 });
+        if met == 0 {
+            continue;
+        }
+        counters.triangles += u64::from(met.count_ones());
+        let mask = if are_alike { met } else { visit.wanted(&Near { a: (a, i), b, mask: met }) };
+        if mask != 0 {
+            a.prepare_ones();
+            b.prepare_lot();
+            let sifted = sift(s, &a.ones[i], &b.lot[0], mask);
+            if !visit.take(&Near { a: (a, i), b, mask }, sifted) {
+                return false;
             }
         }
     }
     true
 }
 
-/// The lanes of a row that begins at index `at` whose indices are at least `from`.
+/// The columns from an index on.
 #[inline(always)]
-fn beyond(at: usize, from: usize) -> u32 {
-    u32::MAX.checked_shl(from.saturating_sub(at) as u32).unwrap_or(0)
+fn from(index: usize) -> u32 {
+    u32::MAX << index
 }

@@ -11,7 +11,6 @@ use super::brute;
 use super::bvh;
 use super::cell::{CellParts, Cells};
 use super::cursor::Below;
-use super::eight::Eight;
 #[cfg(any(test, feature = "brute"))]
 use super::fallback::SingleWalks;
 use super::filter::{PartFilter, ShownBlocks};
@@ -348,26 +347,14 @@ impl<'a> Tree<'a> {
         of_each!(&self.blocks, own => own.expand(place, below))
     }
 
-    /// Calls `each` with the children or triangles of a place, up to eight at a time in `out`. Fails with the block of
-    /// the place if that is not in memory. Counts as a use of the block.
-    #[inline(always)]
-    pub fn eights(&self, place: Place, out: &mut Eight, mut each: impl FnMut(&Eight)) -> Result<(), BlockId> {
-        match &self.blocks {
-            Blocks::Bvh(own) => own.eights(place, out, &mut each),
-            #[cfg(any(test, feature = "brute"))]
-            Blocks::Brute(own) => super::eight::eights_of(|below| own.expand(place, below), out, &mut each),
-        }
-    }
-
     /// Fills `rows` with the children or triangles below a place; with `parts` also what is known of the parts below
-    /// each child. Returns false if the structure has no rows: [`Tree::expand`] lists them. Fails with the block of the
-    /// place if that is not in memory. Counts as a use of the block.
-    #[inline]
-    pub fn rows(&self, place: Place, parts: bool, rows: &mut Rows) -> Result<bool, BlockId> {
+    /// each child. Fails with the block of the place if that is not in memory. Counts as a use of the block.
+    #[inline(always)]
+    pub fn rows(&self, place: Place, parts: bool, rows: &mut Rows) -> Result<(), BlockId> {
         match &self.blocks {
-            Blocks::Bvh(own) => own.rows(place, parts, rows).map(|()| true),
+            Blocks::Bvh(own) => own.rows(place, parts, rows),
             #[cfg(any(test, feature = "brute"))]
-            Blocks::Brute(_) => Ok(false),
+            Blocks::Brute(own) => own.rows(place, rows),
         }
     }
 

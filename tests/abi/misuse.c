@@ -808,6 +808,57 @@ static oc_scene *scenes(oc_context *c) {
     OK(oc_scene_add_instance(s0, m, 1, NULL));
     INVALID(oc_scene_add_instance(s0, m, 1, NULL)); /* the id is taken */
 
+    oc_instances many;
+    const oc_model *prototypes[2] = {m, NULL};
+    const double places[2][12] = {{1, 0, 0, 0, 1, 0, 0, 0, 1, 5, 0, 0}, {1, 0, 0, 0, 1, 0, 0, 0, 1, 9, 0, 0}};
+    const oc_place place = {{1, 2, 3}, {0, 0, 0, 1}, 1, 0}, no_scale = {{1, 2, 3}, {0, 0, 0, 1}, 0, 0};
+    const uint32_t zero_one[2] = {0, 1};
+    OC_INIT(&many);
+    INVALID(oc_scene_add_instances(s0, &many)); /* none */
+    many.prototypes = prototypes, many.prototype_count = 1;
+    many.transforms = places, many.count = 2, many.first_id = 10;
+    INVALID(oc_scene_add_instances(NULL, &many));
+    INVALID(oc_scene_add_instances(s0, NULL));
+#define WRONG(member, value)                                                                                         \
+    do {                                                                                                             \
+        oc_instances wrong = many;                                                                                   \
+        wrong.member = value;                                                                                        \
+        INVALID(oc_scene_add_instances(s0, &wrong));                                                                 \
+    } while (0)
+    WRONG(struct_size, 3);
+    WRONG(form, 3);
+    WRONG(prototypes, NULL);
+    WRONG(prototype_count, 0);
+    WRONG(prototype_count, 2); /* the second is NULL */
+    WRONG(prototype_of, zero_one);
+    WRONG(transforms, NULL);
+    WRONG(stride, 95);
+    WRONG(count, 0);
+    WRONG(count, UINT64_MAX);
+    WRONG(first_id, 1); /* taken */
+    WRONG(first_id, OC_NO_ID);
+    WRONG(first_id, OC_NO_ID - 1);
+    WRONG(reserved, 1);
+#undef WRONG
+    OK(oc_scene_add_instances(s0, &many));
+    INVALID(oc_scene_add_instances(s0, &many)); /* the ids are taken */
+    INVALID(oc_scene_add_instance(s0, m, 11, NULL));
+    INVALID(oc_scene_remove_instance(s0, 11));
+    many.count = 1, many.first_id = 20, many.transforms = singular;
+    INVALID(oc_scene_add_instances(s0, &many));
+    many.form = OC_TRANSFORM_PLACE, many.transforms = &no_scale;
+    INVALID(oc_scene_add_instances(s0, &many));
+    many.transforms = &place;
+    OK(oc_scene_add_instances(s0, &many));
+    INVALID(oc_scene_set_transform(s0, 20, places[0])); /* it has a place */
+    OK(oc_scene_set_transform(s0, 11, places[0]));
+    OK(oc_scene_set_instance_mask(s0, 11, 2));
+    INVALID(oc_scene_remove_instances(NULL, 10));
+    INVALID(oc_scene_remove_instances(s0, 11));
+    OK(oc_scene_remove_instances(s0, 10));
+    OK(oc_scene_remove_instances(s0, 20));
+    INVALID(oc_scene_remove_instances(s0, 10));
+
     INVALID(oc_scene_set_transform(NULL, 1, NULL));
     INVALID(oc_scene_set_transform(s0, 2, NULL));
     INVALID(oc_scene_set_transform(s0, 1, singular));

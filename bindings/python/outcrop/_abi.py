@@ -24,6 +24,12 @@ OC_NO_INDEX = 4294967295
 """Index of the parent of a part that has none."""
 OC_NO_ID = 18446744073709551615
 """The value of ids that are not set: of a miss, or not requested."""
+OC_TRANSFORM_AFFINE_F64 = 0
+"""12 doubles by column: the images of the three axes, then the translation. As for oc_scene_add_instance."""
+OC_TRANSFORM_AFFINE_F32 = 1
+"""The same in 12 floats, for models near zero."""
+OC_TRANSFORM_PLACE = 2
+"""An Place."""
 
 # Callbacks.
 oc_wake_fn = c.CFUNCTYPE(None, c.c_void_p)
@@ -211,6 +217,17 @@ class oc_background(Sized):
 
     _fields_ = [
         ("struct_size", c.c_uint32), ("reserved", c.c_uint32), ("bottom", c.c_float * 4), ("top", c.c_float * 4),
+    ]
+
+
+class oc_instances(Sized):
+    """Many instances of a few models. OC_INIT and the prototypes, the transforms and their count are the least."""
+
+    _fields_ = [
+        ("struct_size", c.c_uint32), ("form", c.c_uint32), ("prototypes", c.c_void_p),
+        ("prototype_count", c.c_uint64), ("prototype_of", c.c_void_p), ("transforms", c.c_void_p),
+        ("stride", c.c_uint64), ("count", c.c_uint64), ("first_id", c.c_uint64), ("mask", c.c_uint32),
+        ("reserved", c.c_uint32),
     ]
 
 
@@ -474,13 +491,21 @@ class oc_pixels(Sized):
     ]
 
 
+class oc_place(c.Structure):
+    """A position with a rotation and a scale. Element of an array."""
+
+    _fields_ = [
+        ("position", c.c_double * 3), ("rotation", c.c_float * 4), ("scale", c.c_float), ("reserved", c.c_uint32),
+    ]
+
+
 STRUCTS: list[type[c.Structure]] = [
     oc_progress, oc_executor, oc_context_desc, oc_camera, oc_ray, oc_plane, oc_resolved, oc_build_desc, oc_material,
-    oc_part, oc_triangles, oc_build_report, oc_io, oc_model_info, oc_part_info, oc_light, oc_background, oc_look,
-    oc_query, oc_hit, oc_ray_f32, oc_rays_soa, oc_query_f32, oc_hit_f32, oc_triangle, oc_crossing, oc_tree_place,
-    oc_node, oc_node_triangle, oc_part_at, oc_overlap, oc_clash_desc, oc_clash, oc_clash_summary, oc_nearest_desc,
-    oc_nearest_point, oc_distance_desc, oc_distance, oc_fit, oc_part_ref, oc_target, oc_frame_desc, oc_frame_settings,
-    oc_frame_accuracy, oc_pixels,
+    oc_part, oc_triangles, oc_build_report, oc_io, oc_model_info, oc_part_info, oc_light, oc_background, oc_instances,
+    oc_look, oc_query, oc_hit, oc_ray_f32, oc_rays_soa, oc_query_f32, oc_hit_f32, oc_triangle, oc_crossing,
+    oc_tree_place, oc_node, oc_node_triangle, oc_part_at, oc_overlap, oc_clash_desc, oc_clash, oc_clash_summary,
+    oc_nearest_desc, oc_nearest_point, oc_distance_desc, oc_distance, oc_fit, oc_part_ref, oc_target, oc_frame_desc,
+    oc_frame_settings, oc_frame_accuracy, oc_pixels, oc_place,
 ]
 """All structs, in the order of the header."""
 
@@ -539,6 +564,8 @@ class Functions:
     oc_scene_commit: Callable[..., int]
     oc_scene_retain: Callable[..., None]
     oc_scene_release: Callable[..., None]
+    oc_scene_add_instances: Callable[..., int]
+    oc_scene_remove_instances: Callable[..., int]
     oc_scene_set_instance_look: Callable[..., int]
     oc_scene_set_part_look: Callable[..., int]
     oc_scene_set_parts_look: Callable[..., int]
@@ -653,6 +680,8 @@ SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "oc_scene_commit": (c.c_uint32, [c.c_void_p]),
     "oc_scene_retain": (None, [c.c_void_p]),
     "oc_scene_release": (None, [c.c_void_p]),
+    "oc_scene_add_instances": (c.c_uint32, [c.c_void_p, c.c_void_p]),
+    "oc_scene_remove_instances": (c.c_uint32, [c.c_void_p, c.c_uint64]),
     "oc_scene_set_instance_look": (c.c_uint32, [c.c_void_p, c.c_uint64, c.c_void_p]),
     "oc_scene_set_part_look": (c.c_uint32, [c.c_void_p, c.c_uint64, c.c_uint64, c.c_void_p]),
     "oc_scene_set_parts_look": (c.c_uint32, [
@@ -732,17 +761,17 @@ FALLIBLE = frozenset([
     "oc_model_open_io", "oc_model_load", "oc_model_get_info", "oc_model_get_part", "oc_model_find_part",
     "oc_model_get_view", "oc_model_get_placement", "oc_scene_create", "oc_scene_add_instance",
     "oc_scene_remove_instance", "oc_scene_set_transform", "oc_scene_set_instance_mask", "oc_scene_set_lights",
-    "oc_scene_set_background", "oc_scene_commit", "oc_scene_set_instance_look", "oc_scene_set_part_look",
-    "oc_scene_set_parts_look", "oc_scene_isolate", "oc_scene_set_model", "oc_scene_clear_part_looks",
-    "oc_scene_closest", "oc_scene_any", "oc_scene_closest_start", "oc_scene_any_start", "oc_scene_closest_f32",
-    "oc_scene_any_f32", "oc_model_read_part", "oc_part_reader_next", "oc_scene_triangles", "oc_scene_crossings",
-    "oc_cursor_create", "oc_cursor_root", "oc_cursor_places", "oc_cursor_node", "oc_cursor_triangles",
-    "oc_cursor_block_nodes", "oc_scene_parts_at", "oc_scene_thickness", "oc_scene_overlap_box",
-    "oc_scene_overlap_frustum", "oc_part_set_create", "oc_part_set_add_instance", "oc_part_set_add_part",
-    "oc_scene_clash_start", "oc_job_take_clashes", "oc_job_clash_summary", "oc_scene_nearest", "oc_scene_distance",
-    "oc_scene_fit", "oc_frame_create", "oc_frame_request", "oc_frame_poll", "oc_frame_wait", "oc_frame_cancel",
-    "oc_frame_resize", "oc_frame_set_wake", "oc_frame_get_accuracy", "oc_frame_pick", "oc_frame_pick_near",
-    "oc_frame_map", "oc_scene_prefetch_box", "oc_scene_prefetch_camera",
+    "oc_scene_set_background", "oc_scene_commit", "oc_scene_add_instances", "oc_scene_remove_instances",
+    "oc_scene_set_instance_look", "oc_scene_set_part_look", "oc_scene_set_parts_look", "oc_scene_isolate",
+    "oc_scene_set_model", "oc_scene_clear_part_looks", "oc_scene_closest", "oc_scene_any", "oc_scene_closest_start",
+    "oc_scene_any_start", "oc_scene_closest_f32", "oc_scene_any_f32", "oc_model_read_part", "oc_part_reader_next",
+    "oc_scene_triangles", "oc_scene_crossings", "oc_cursor_create", "oc_cursor_root", "oc_cursor_places",
+    "oc_cursor_node", "oc_cursor_triangles", "oc_cursor_block_nodes", "oc_scene_parts_at", "oc_scene_thickness",
+    "oc_scene_overlap_box", "oc_scene_overlap_frustum", "oc_part_set_create", "oc_part_set_add_instance",
+    "oc_part_set_add_part", "oc_scene_clash_start", "oc_job_take_clashes", "oc_job_clash_summary", "oc_scene_nearest",
+    "oc_scene_distance", "oc_scene_fit", "oc_frame_create", "oc_frame_request", "oc_frame_poll", "oc_frame_wait",
+    "oc_frame_cancel", "oc_frame_resize", "oc_frame_set_wake", "oc_frame_get_accuracy", "oc_frame_pick",
+    "oc_frame_pick_near", "oc_frame_map", "oc_scene_prefetch_box", "oc_scene_prefetch_camera",
 ])
 """Functions that return a status."""
 

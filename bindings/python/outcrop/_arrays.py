@@ -72,6 +72,8 @@ NODE_TRIANGLE = numpy.dtype({
 """dtype of a triangle of a leaf: corners (3, 3), prim, part, tree. See `NodeTriangle`."""
 TREE_PLACE = dtype_of(_abi.oc_tree_place)
 """dtype of a place of a tree: model_from_tree (12 numbers by column), root, tree, first_part. See `TreePlace`."""
+PLACE = dtype_of(_abi.oc_place)
+"""dtype of a position with a rotation (quaternion x, y, z, w) and a scale: position, rotation, scale, reserved."""
 PLANE = dtype_of(_abi.oc_plane)
 """dtype of a half space: normal, d. See `Plane`."""
 
@@ -171,6 +173,18 @@ def matrix(name: str, value: ArrayLike | None) -> Any:
     if array.shape != (12,):
         raise ValueError(f"{name}: expected shape (4, 4), (3, 4) or (12,), not {given(array)}")
     return numbers(name, array.tolist(), c.c_double, 12)
+
+
+def transforms_of(name: str, value: ArrayLike) -> tuple[Array, int]:
+    """Returns the transforms of an array of instances, tightly packed, and their form."""
+    array = numpy.ascontiguousarray(value)
+    if array.dtype == PLACE and array.ndim == 1:
+        return array, _abi.OC_TRANSFORM_PLACE
+    if array.dtype not in _FLOATS or array.ndim < 2 or array.shape[1:] not in ((12,), (4, 3)):
+        raise TypeError(f"{name}: expected an array of dtype outcrop.PLACE, or float64 or float32 of shape (n, 12) or "
+                        f"(n, 4, 3), not {given(array)}")
+    single = array.dtype == numpy.float32
+    return array, _abi.OC_TRANSFORM_AFFINE_F32 if single else _abi.OC_TRANSFORM_AFFINE_F64
 
 
 def address(array: Array) -> int:

@@ -292,6 +292,11 @@ class LightKind(enum.IntEnum):
     """Infinitely far away."""
 
 
+class TransformForm(enum.IntEnum):
+    """Form of the transforms of an array, from model to world space."""
+
+
+
 class LookFlags(enum.IntFlag):
     """Flags of Look: how an instance or a part is shown."""
 
@@ -590,7 +595,7 @@ class Format(enum.IntEnum):
 __all__ = [
     "Status", "State", "Phase", "LogLevel", "InstructionSet", "ContextFlags", "Property", "CameraKind", "Structure",
     "Splits", "Resolution", "StandIns", "Scalar", "Index", "UpAxis", "PartFlags", "PlacementFlags", "LightKind",
-    "LookFlags", "PartsFlags", "Want", "QueryFlags", "HitKind", "Side", "CursorFlags", "Holds", "OverlapKind",
-    "ClashDetail", "ClashSkipFlags", "ClashKind", "ClashOpenFlags", "NearestFlags", "View", "Buffer", "FrameFlags",
-    "Format",
+    "TransformForm", "LookFlags", "PartsFlags", "Want", "QueryFlags", "HitKind", "Side", "CursorFlags", "Holds",
+    "OverlapKind", "ClashDetail", "ClashSkipFlags", "ClashKind", "ClashOpenFlags", "NearestFlags", "View", "Buffer",
+    "FrameFlags", "Format",
 ]

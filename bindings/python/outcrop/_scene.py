@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes as c
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, Union
 
@@ -11,7 +11,7 @@ import numpy
 from numpy.typing import ArrayLike
 
 from . import _abi
-from ._arrays import OVERLAP, Array, address, ids, matrix
+from ._arrays import OVERLAP, Array, address, ids, matrix, transforms_of
 from ._clashes import Clashes
 from ._enums import LookFlags, PartsFlags
 from ._handles import Reference, made
@@ -68,6 +68,34 @@ class Scene(Queries, Clashes, Distances):
             else:
                 raise TypeError(f"instances[{number - 1}]: expected a Model, (id, model) or (id, model, transform), "
                                 f"not {one!r}")
+
+    def add_instances(self, models: Model | Sequence[Model], transforms: ArrayLike, *, first_id: int,
+                      model_of: ArrayLike | None = None, mask: int = 0xFFFFFFFF) -> None:
+        """Adds many instances of one model, or of a few, with the ids first_id, first_id + 1, ...
+
+        transforms: n of them: dtype `PLACE`, or float64 or float32 with 12 numbers by column each (x axis, y axis,
+            z axis, origin), as (n, 12) or (n, 4, 3).
+        model_of: n indices among `models`. None: all are of the first.
+        mask: see `set_mask`.
+
+        None of them can be removed alone or given another model; otherwise they are like those of `add`.
+        """
+        listed = [models] if isinstance(models, Model) else list(models)
+        packed, form = transforms_of("transforms", transforms)
+        which = None if model_of is None else numpy.ascontiguousarray(model_of, numpy.uint32)
+        if which is not None and which.shape != (len(packed),):
+            raise ValueError(f"model_of: expected the shape ({len(packed)},), not {which.shape}")
+        if whole("mask", mask, 32) == 0:
+            raise ValueError("mask: 0 hides the instances from all rays; use set_mask or set_look")
+        prototypes = (c.c_void_p * len(listed))(*[model._h._as_parameter_ for model in listed])
+        lib.oc_scene_add_instances(self._h, c.byref(_abi.oc_instances(
+            form=form, prototypes=c.addressof(prototypes), prototype_count=len(listed),
+            prototype_of=None if which is None else address(which), transforms=address(packed), count=len(packed),
+            first_id=whole("first_id", first_id), mask=mask)))
+
+    def remove_instances(self, first_id: int) -> None:
+        """Removes all instances that one `add_instances` added, given by the first id."""
+        lib.oc_scene_remove_instances(self._h, whole("first_id", first_id))
 
     def remove(self, id: int) -> None:
         """Removes an instance."""

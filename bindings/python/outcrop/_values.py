@@ -861,8 +861,23 @@ class Accuracy(Value):
     """State of the request: one of the State constants."""
 
 
+@dataclass
+class Place(Value):
+    """A position with a rotation and a scale. Element of an array."""
+
+    _struct = _abi.oc_place
+
+    position: Vector = (0.0, 0.0, 0.0)
+    """Place of the model's origin in world space. Finite."""
+    rotation: Vector = (0.0, 0.0, 0.0, 0.0)
+    """Quaternion x, y, z, w of the rotation, applied after the scale. Finite and not zero; need not be unit."""
+    scale: float = 0.0
+    """Scale along all axes. Finite and not 0. Below 0 it mirrors at the model's origin."""
+
+
 __all__ = [
     "Progress", "Camera", "Ray", "Plane", "BuildOptions", "Material", "Part", "ModelInfo", "PartInfo", "Light",
     "Background", "Look", "RayF32", "HitF32", "Triangle", "Crossing", "TreePlace", "Node", "NodeTriangle", "PartAt",
     "Overlap", "Clash", "ClashSummary", "NearestPoint", "Distance", "Fit", "PartRef", "FrameSettings", "Accuracy",
+    "Place",
 ]

@@ -48,6 +48,42 @@ def test_looks_of_parts(three: outcrop.Scene) -> None:
     assert seen(three) == [1, 2, 3]
 
 
+def test_arrays_of_instances(context: outcrop.Context, tetra: outcrop.Model) -> None:
+    count = 50
+    over = numpy.array([(3 * i + 0.1, 0.1, 9) for i in range(count)])
+    places = numpy.zeros(count, outcrop.PLACE)
+    places["position"][:, 0] = 3 * numpy.arange(count)
+    places["rotation"][:, 3] = places["scale"] = 1
+    affine = numpy.tile(numpy.eye(3).ravel().tolist() + [0, 0, 0], (count, 1))
+    affine[:, 9] = 3 * numpy.arange(count)
+    for transforms in (places, affine, affine.astype(numpy.float32), affine.reshape(count, 4, 3)):
+        with context.scene([]) as scene:
+            with scene.edit():
+                scene.add_instances(tetra, transforms, first_id=100)
+            assert scene.closest(over, DOWN)["instance"].tolist() == list(range(100, 100 + count))
+            with scene.edit():
+                scene.set_look(103, hidden=True)
+                scene.set_mask(104, 2)
+            hits = scene.closest(over, DOWN)
+            assert [i for i in range(count) if hits[i]["kind"] == 0] == [3]
+            with scene.edit():
+                scene.add_instances([tetra, tetra], transforms, model_of=numpy.arange(count) % 2, first_id=1000)
+                scene.remove_instances(100)
+            assert scene.closest(over, DOWN)["instance"].tolist() == list(range(1000, 1000 + count))
+            with pytest.raises(outcrop.ArgumentError, match="no array of instances begins with 100"):
+                scene.remove_instances(100)
+            with pytest.raises(outcrop.ArgumentError, match="instance 1010 already exists"):
+                scene.add_instances(tetra, transforms, first_id=1010)
+            with pytest.raises(ValueError, match="model_of"):
+                scene.add_instances(tetra, transforms, model_of=[0], first_id=1)
+    with context.scene([]) as scene:
+        affine[7] = 0
+        with pytest.raises(outcrop.ArgumentError, match="instance 7: the transform is singular"):
+            scene.add_instances(tetra, affine, first_id=1)
+        with pytest.raises(TypeError, match="transforms"):
+            scene.add_instances(tetra, numpy.zeros((4, 5)), first_id=1)
+
+
 def test_instances(context: outcrop.Context, tetra: outcrop.Model, tmp_path: Path) -> None:
     place = numpy.eye(4)
     place[0, 3] = 10

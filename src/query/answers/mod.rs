@@ -39,10 +39,6 @@ pub(crate) struct InTree<'a> {
 }
 
 impl<'a> InTree<'a> {
-    pub fn new(view: &'a SceneView<'a>, number: u32) -> Self {
-        Self { view, number, placed: &view.scene.placement.placed[number as usize] }
-    }
-
     #[inline(always)]
     pub fn tree(&self) -> Tree<'a> {
         self.view.tree(self.number)
@@ -264,7 +260,7 @@ impl<const N: usize> Seen<N> {
         out: &mut [Hit; N],
     ) -> Rest {
         let (widen_interval, p) = (at.view.widen_interval, at.placed);
-        let instance = at.view.scene.instances[p.instance as usize].id;
+        let instance = at.view.scene.instance_id(p.instance);
         let (mut rest, mut near_end, mut inside) = (Rest::default(), 0, 0);
         for i in bits(met) {
             let (hit, met, ray, t) = (&mut out[i], hits.hit(i), &rays[i], hits.t(i));
@@ -564,7 +560,9 @@ pub(super) fn answer_one_in(
 ) -> Result<bool, Need> {
     use std::slice::from_ref;
     let out = std::array::from_mut(hit);
-    let rest = seen.answer(&InTree::new(view, found.placed), want, from_ref(ray), from_ref(found), 1, out);
+    let (number, placed) = (found.placed, view.scene.placed(found.placed));
+    let at = InTree { view, number, placed: &placed };
+    let rest = seen.answer(&at, want, from_ref(ray), from_ref(found), 1, out);
     if rest.lacking != 0 { Err(lacking(view, found.placed, &found.tri, want)) } else { Ok(rest.outside == 0) }
 }
 
@@ -572,7 +570,7 @@ pub(super) fn answer_one_in(
 /// slabs hold all that the stand-in represents.
 #[inline(always)]
 fn free_before(view: &SceneView, ray: &Ray, cell: FirstCell) -> f64 {
-    let placed = &view.scene.placement.placed[cell.placed as usize];
+    let placed = view.scene.placed(cell.placed);
     (cell.t - placed.slack(ray.origin, ray.dir, cell.t)).max(ray.begins())
 }
 

@@ -25,6 +25,7 @@ use crate::simd::{Op, Simd, dispatch};
 use crate::structure::cell::{CellParts, Cells};
 use crate::structure::{PartFilter, Rooted, Tree, TriHit};
 use glam::{DVec3, Vec3};
+use std::borrow::Cow;
 
 /// The stand-ins that up to `N` rays hit in a placed tree, one column per ray. Reusable: columns of other rays have
 /// arbitrary content.
@@ -428,22 +429,23 @@ pub(crate) struct Look<'a> {
     view: &'a SceneView<'a>,
     ray: &'a Ray,
     found: &'a Found,
+    placed: Cow<'a, Placed>,
     one: StandIns<1>,
 }
 
 /// The stand-in of the hit `found`; `None` if the hit is no stand-in or its block is missing.
 pub(crate) fn look<'a>(view: &'a SceneView<'a>, ray: &'a Ray, found: &'a Found) -> Option<Look<'a>> {
     found.tri.stand_in()?;
-    let mut look = Look { t: 0.0, view, ray, found, one: StandIns::NONE };
+    let mut look = Look { t: 0.0, view, ray, found, placed: view.scene.placed(found.placed), one: StandIns::NONE };
     let gone = look.one.look(
-        &InTree::new(view, found.placed),
+        &InTree { view, number: found.placed, placed: &look.placed },
         &view.tree(found.placed),
         1,
         |_| ray.dir,
         std::slice::from_ref(found),
         true,
     );
-    look.t = look.one.t(0, look.placed(), ray, found.t);
+    look.t = look.one.t(0, &look.placed, ray, found.t);
     (gone == 0).then_some(look)
 }
 
@@ -457,10 +459,6 @@ pub(crate) fn ask_for(view: &SceneView, found: &[Found], rays: u32) {
 }
 
 impl<'a> Look<'a> {
-    fn placed(&self) -> &'a Placed {
-        &self.view.scene.placement.placed[self.found.placed as usize]
-    }
-
     /// The model's part with the largest visible area, over all directions; `u32::MAX` if that part is hidden.
     pub fn part(&self) -> u32 {
         self.one.part(0)
@@ -469,11 +467,11 @@ impl<'a> Look<'a> {
     /// See [`StandIns::error`].
     pub fn error(&self) -> f32 {
         let along = self.ray.dir.as_dvec3() * self.t;
-        self.one.error(0, &self.view.tree(self.found.placed), self.placed(), &self.found.tri, self.ray.origin, along)
+        self.one.error(0, &self.view.tree(self.found.placed), &self.placed, &self.found.tri, self.ray.origin, along)
     }
 
     /// The distance at which the ray leaves the cell.
     pub fn leave(&self) -> f64 {
-        self.one.leave(0, self.placed(), self.ray, self.t)
+        self.one.leave(0, &self.placed, self.ray, self.t)
     }
 }

@@ -14,12 +14,12 @@ pub(super) fn search(task: &Task, found: &Found) -> Result<BTreeMap<PairKey, DVe
     let scene = task.scene;
     // All parts of the sets, with their bounds in the world.
     let mut parts: Vec<(PartKey, DBounds, bool)> = Vec::new();
-    for (instance, it) in (0u32..).zip(&scene.instances) {
-        let model = &scene.models[it.model as usize];
+    for instance in 0..scene.instance_count() as u32 {
+        let model = scene.model_of_instance(instance);
         for (part, info) in (0u32..).zip(model.parts().iter()) {
             let key = [instance, part];
             if info.triangles > 0 && !info.bounds.is_empty() && task.has(key) {
-                parts.push((key, info.bounds.transformed(&it.world_from_model), info.is_closed));
+                parts.push((key, info.bounds.transformed(&scene.world_from_model(instance)), info.is_closed));
             }
         }
     }
@@ -38,10 +38,10 @@ pub(super) fn search(task: &Task, found: &Found) -> Result<BTreeMap<PairKey, DVe
     let mut points = Vec::new();
     for &inside in inner.keys() {
         let [instance, part] = parts[inside].0;
-        let it = &scene.instances[instance as usize];
-        let model = &scene.models[it.model as usize];
-        let first = model.read_part(part)?.next(1, task.cancel())?.first().map(|t| t.corners[0]);
-        points.push(first.map_or(DVec3::NAN, |corner| it.world_from_model.transform_point3(corner)));
+        let first =
+            scene.model_of_instance(instance).read_part(part)?.next(1, task.cancel())?.first().map(|t| t.corners[0]);
+        let place = scene.world_from_model(instance);
+        points.push(first.map_or(DVec3::NAN, |corner| place.transform_point3(corner)));
     }
     let mut contained = BTreeMap::new();
     let inner: Vec<(usize, Vec<usize>)> = inner.into_iter().collect();
@@ -49,11 +49,10 @@ pub(super) fn search(task: &Task, found: &Found) -> Result<BTreeMap<PairKey, DVe
         let (inside, outers) = &inner[at];
         for &outer in outers {
             let [a, b] = [parts[outer].0, parts[*inside].0];
-            let it = &scene.instances[a[0] as usize];
-            let id = scene.models[it.model as usize].parts().id(a[1] as usize);
+            let (instance, id) = (scene.instance_id(a[0]), scene.model_of_instance(a[0]).parts().id(a[1] as usize));
             let is_inside = holders
                 .iter()
-                .any(|holder| holder.holds == Holds::Inside && holder.instance == it.id && Some(holder.part) == id);
+                .any(|holder| holder.holds == Holds::Inside && holder.instance == instance && Some(holder.part) == id);
             if is_inside {
                 contained.insert(if a < b { [a, b] } else { [b, a] }, points[at]);
             }

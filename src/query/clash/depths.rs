@@ -42,8 +42,7 @@ impl<'a> Depths<'a> {
     }
 
     fn bytes(&self, [instance, part]: PartKey) -> u64 {
-        let it = &self.task.scene.instances[instance as usize];
-        let info = self.task.scene.models[it.model as usize].parts().get(part as usize);
+        let info = self.task.scene.model_of_instance(instance).parts().get(part as usize);
         Solid::bytes(info.map_or(0, |info| info.triangles))
     }
 

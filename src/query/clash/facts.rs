@@ -9,8 +9,9 @@ use crate::geom::pairs::{Relation, meeting, relate};
 use crate::math::{DBounds, bits};
 use crate::scene::placed::Placed;
 use crate::structure::Place;
-use crate::structure::pairs::{Near, PairCounters, PairLeaf, PairSide, PairVisit, PartsBelow};
+use crate::structure::pairs::{Near, Opened, PairCounters, PairSide, PairVisit, PartsBelow};
 use glam::DVec3;
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 /// A pair of parts, the lesser key first.
@@ -135,7 +136,7 @@ pub(super) struct Meeting<'a> {
     task: &'a Task<'a>,
     /// Indices of the placed trees.
     pair: [u32; 2],
-    placed: [&'a Placed; 2],
+    placed: [Cow<'a, Placed>; 2],
     sides: &'a [PairSide<'a>; 2],
     frames: &'a Frames,
     /// -1 for a tree that is mirrored: its triangles turn the other way. Else 1.
@@ -158,24 +159,19 @@ impl<'a> Meeting<'a> {
         found: &'a mut Found,
         members: [[u32; 2]; 2],
     ) -> Self {
-        let placed = pair.map(|at| &task.scene.placement.placed[at as usize]);
+        let placed = pair.map(|at| task.scene.placed(at));
         let selects = placed.iter().any(|p| task.scene.models[p.model as usize].local_parts(p.tree) > 1);
-        let turns = placed.map(|p| p.frame().matrix3.determinant().signum());
+        let turns = placed.each_ref().map(|p| p.frame().matrix3.determinant().signum());
         Self { task, pair, placed, sides, frames, turns, found, last: None, members, selects }
     }
 
     /// The parts of two triangles, and true if that of the second comes first.
     #[inline]
-    fn parts(&self, (a, i): (&PairLeaf, usize), (b, j): (&PairLeaf, usize)) -> (PairKey, bool) {
+    fn parts(&self, (a, i): (&Opened, usize), (b, j): (&Opened, usize)) -> (PairKey, bool) {
         let key = |placed: &Placed, part: u32| [placed.instance, placed.first_part.saturating_add(part)];
-        let [x, y] = [key(self.placed[0], a.parts[i]), key(self.placed[1], b.parts[j])];
+        let [x, y] = [key(&self.placed[0], a.rows.parts[i]), key(&self.placed[1], b.rows.parts[j])];
         if y < x { ([y, x], true) } else { ([x, y], false) }
     }
-}
-
-/// The triangles of a mask: their bits, and their indices from `at` on.
-fn each(at: usize, mask: u32) -> impl Iterator<Item = (u32, usize)> {
-    bits(mask).map(move |lane| (1 << lane, at + lane))
 }
 
 impl PairVisit for Meeting<'_> {
@@ -186,7 +182,7 @@ impl PairVisit for Meeting<'_> {
     fn may_want(&mut self, a: &PartsBelow, b: &PartsBelow) -> bool {
         if let (Some(x), Some(y)) = (a.one(), b.one()) {
             let key = |placed: &Placed, part: u32| [placed.instance, placed.first_part.saturating_add(part)];
-            return self.wants(key(self.placed[0], x), key(self.placed[1], y));
+            return self.wants(key(&self.placed[0], x), key(&self.placed[1], y));
         }
         let [[a_first, a_second], [b_first, b_second]] = self.members;
         a.bits & a_first != 0 && b.bits & b_second != 0 || a.bits & a_second != 0 && b.bits & b_first != 0
@@ -194,22 +190,22 @@ impl PairVisit for Meeting<'_> {
 
     fn wanted(&mut self, near: &Near) -> u32 {
         let mut wanted = 0;
-        for (bit, j) in each(near.b.1, near.mask) {
-            let (parts, _) = self.parts(near.a, (near.b.0, j));
-            wanted |= if self.wants(parts[0], parts[1]) { bit } else { 0 };
+        for j in bits(near.mask) {
+            let (parts, _) = self.parts(near.a, (near.b, j));
+            wanted |= u32::from(self.wants(parts[0], parts[1])) << j;
         }
         wanted
     }
 
     fn take(&mut self, near: &Near, sifted: Sifted) -> bool {
         let apart = if self.task.options.clearance > 0.0 { 0 } else { sifted.apart };
-        for (bit, j) in each(near.b.1, near.mask & !apart) {
-            let known = match (sifted.apart & bit != 0, sifted.crossing & bit != 0) {
+        for j in bits(near.mask & !apart) {
+            let known = match (sifted.apart >> j & 1 == 1, sifted.crossing >> j & 1 == 1) {
                 (true, _) => Some(Relation::Apart),
                 (_, true) => Some(Relation::Crossing),
                 _ => None,
             };
-            self.compare(near.a, (near.b.0, j), known);
+            self.compare(near.a, (near.b, j), known);
         }
         !self.task.is_over()
     }
@@ -230,7 +226,7 @@ impl Meeting<'_> {
     }
 
     /// Compares two triangles, whose relation may be known.
-    fn compare(&mut self, (a, i): (&PairLeaf, usize), (b, j): (&PairLeaf, usize), known: Option<Relation>) {
+    fn compare(&mut self, (a, i): (&Opened, usize), (b, j): (&Opened, usize), known: Option<Relation>) {
         let (parts, is_turned) = self.parts((a, i), (b, j));
         let (first, second) = (&a.triangles[i], &b.triangles[j]);
         let relation = known.unwrap_or_else(|| relate(first, second));
@@ -260,7 +256,7 @@ impl Meeting<'_> {
         facts.meet(Contact { relation, points, normal });
         points.iter().for_each(|&p| facts.bounds = facts.bounds.union(DBounds { min: p, max: p }));
         if self.task.options.detail == ClashDetail::Triangles {
-            let places = [self.sides[0].tree.prim_place(&a.hits[i]), self.sides[1].tree.prim_place(&b.hits[j])];
+            let places = [self.sides[0].tree.prim_place(&a.rows.hit(i)), self.sides[1].tree.prim_place(&b.rows.hit(j))];
             if let [Some(x), Some(y)] = places {
                 let [x, y] = [(self.pair[0], x), (self.pair[1], y)];
                 let at = if is_turned { [y, x] } else { [x, y] };

@@ -278,9 +278,12 @@ fn hand_out(
 /// The clash of a pair of parts, without its depth; `None` if they do not clash.
 fn of_parts(task: &Task, key: PairKey, facts: Option<&Facts>, inside: Option<&DVec3>) -> Option<Clash> {
     let info = key.map(|[instance, part]| {
-        let it = &task.scene.instances[instance as usize];
-        let part = task.scene.models[it.model as usize].parts().get(part as usize);
-        (it.id, part.as_ref().map_or(NONE, |part| part.id), part.is_none_or(|part| !part.is_closed))
+        let part = task.scene.model_of_instance(instance).parts().get(part as usize);
+        (
+            task.scene.instance_id(instance),
+            part.as_ref().map_or(NONE, |part| part.id),
+            part.is_none_or(|part| !part.is_closed),
+        )
     });
     let clash = Clash {
         instances: info.map(|it| it.0),

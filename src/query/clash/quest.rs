@@ -2,8 +2,8 @@
 //! when blocks that it lacked have come.
 
 use super::super::frames::Frames;
-use super::super::needs::together;
-use super::super::rounds::{Quest, Rounds, WaitList};
+use super::super::rounds::{Quest, Rounds};
+use super::super::waiting::{Lacking, Waiting};
 use super::facts::{Found, Meeting};
 use super::task::Task;
 use crate::base::error::Result;
@@ -31,7 +31,7 @@ pub(super) fn search(task: &Task, pairs: &[[u32; 2]]) -> Result<Found> {
         let mut walk = PairWalk::default();
         for &pair in pairs {
             let [a, b] = pair.map(|placed| view.tree(placed));
-            let members = pair.map(|at| task.bits_of(&scene.placement.placed[at as usize]));
+            let members = pair.map(|at| task.bits_of(&scene.placed(at)));
             let mut descent = PairDescent::new(&a, &b, pair[0] == pair[1]);
             if each > 1 {
                 let frames = frames(task, pair);
@@ -56,7 +56,8 @@ pub(super) fn search(task: &Task, pairs: &[[u32; 2]]) -> Result<Found> {
 }
 
 fn frames(task: &Task, pair: [u32; 2]) -> Frames {
-    Frames::new(pair.map(|at| &task.scene.placement.placed[at as usize]), task.options.clearance)
+    let placed = pair.map(|at| task.scene.placed(at));
+    Frames::new(placed.each_ref().map(|p| &**p), task.options.clearance)
 }
 
 /// The quest: its items and pieces are walks.
@@ -83,11 +84,24 @@ impl Piece {
     fn new(pair: [u32; 2], members: [[u32; 2]; 2], descent: PairDescent) -> Self {
         Self { pair, members, models: [0; 2], descent, found: Found::default() }
     }
+}
 
-    /// The blocks that each remaining pair of places needs.
-    fn needs(&self) -> impl Iterator<Item = [Need; 2]> {
+impl Lacking for Piece {
+    type Step = [Need; 2];
+
+    fn bytes(&self) -> u64 {
+        self.descent.bytes() + self.found.bytes()
+    }
+
+    fn steps(&self) -> impl Iterator<Item = [Need; 2]> {
         let [a, b] = self.models;
         self.descent.needs().map(move |[x, y]: [BlockId; 2]| [Need { model: a, block: x }, Need { model: b, block: y }])
+    }
+
+    /// The first pairs of places come first: their blocks are neighbours in both trees.
+    fn sort(steps: &mut Vec<[Need; 2]>) {
+        steps.sort_unstable();
+        steps.dedup();
     }
 }
 
@@ -99,8 +113,7 @@ impl Walks<'_> {
             return None;
         }
         let view = SceneView::new(task.scene, snapshots, stamp);
-        let placed = piece.pair.map(|at| &task.scene.placement.placed[at as usize]);
-        piece.models = placed.map(|p| p.model);
+        piece.models = piece.pair.map(|at| task.scene.ids_of(at).model);
         let frames = frames(task, piece.pair);
         let [a, b] = piece.pair.map(|at| view.tree(at));
         let sides = [PairSide { tree: a, frame: &frames.of[0] }, PairSide { tree: b, frame: &frames.of[1] }];
@@ -124,7 +137,7 @@ impl Walks<'_> {
 }
 
 impl Quest for Walks<'_> {
-    type Waiting = Waiting;
+    type Waiting = Waiting<Piece>;
     const ITEM_BYTES: u64 = 4096;
     const RENEWAL: usize = 8;
     const FETCH: usize = 32;
@@ -140,42 +153,5 @@ impl Quest for Walks<'_> {
 
     fn resume(&self, piece: Piece, snapshots: &Snapshots) -> Option<Piece> {
         self.go_on(piece, snapshots)
-    }
-}
-
-/// Walks that lack blocks.
-#[derive(Default)]
-pub(super) struct Waiting(Vec<Piece>);
-
-impl WaitList for Waiting {
-    type Piece = Piece;
-    type Parked = Piece;
-
-    fn bytes(piece: &Piece) -> u64 {
-        size_of::<Piece>() as u64 + piece.descent.bytes() + piece.found.bytes()
-    }
-
-    fn piece(piece: &Piece) -> &Piece {
-        piece
-    }
-
-    fn is_empty(&self) -> bool {
-        self.0.is_empty()
-    }
-
-    fn push(&mut self, piece: Piece) {
-        self.0.push(piece);
-    }
-
-    fn take(&mut self, is_there: impl Fn(Need) -> bool) -> Vec<Piece> {
-        self.0.extract_if(.., |piece| piece.needs().any(|both| both.into_iter().all(&is_there))).collect()
-    }
-
-    /// Plans both blocks of pairs of places, those of the first pairs first: their blocks are neighbours in both trees.
-    fn plan(&self, room: u64, bytes: impl Fn(Need) -> u64) -> (Vec<Need>, bool) {
-        let mut pairs: Vec<[Need; 2]> = self.0.iter().flat_map(Piece::needs).collect();
-        pairs.sort_unstable();
-        pairs.dedup();
-        together(pairs, room, bytes)
     }
 }

@@ -44,11 +44,11 @@ impl<'a> Rules<'a> {
             return false;
         }
         let of = |at: [u32; 2]| {
-            let model = self.scene.instances[at[0] as usize].model;
-            (model, self.scene.models[model as usize].parts())
+            let model = self.scene.model_of_instance(at[0]);
+            (model, model.parts())
         };
         let ((model_a, parts_a), (model_b, parts_b)) = (of(a), of(b));
-        let (is_one_model, is_one_instance) = (model_a == model_b, a[0] == b[0]);
+        let (is_one_model, is_one_instance) = (model_a.same(model_b), a[0] == b[0]);
         if same_model && is_one_model || same_instance && is_one_instance {
             return true;
         }

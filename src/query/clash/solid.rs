@@ -51,12 +51,11 @@ impl Solid {
 
     /// Reads a part.
     pub fn read(scene: &SceneState, [instance, part]: PartKey, cancel: &Cancel) -> Result<Self> {
-        let it = &scene.instances[instance as usize];
-        let model = &scene.models[it.model as usize];
+        let (model, world_from_model) = (scene.model_of_instance(instance), scene.world_from_model(instance));
         let info = model.parts().get(part as usize);
-        let placed = info.as_ref().map_or(DBounds::EMPTY, |info| info.bounds.transformed(&it.world_from_model));
+        let placed = info.as_ref().map_or(DBounds::EMPTY, |info| info.bounds.transformed(&world_from_model));
         let origin = rounded((placed.min + placed.max) * 0.5, (placed.max - placed.min).max_element());
-        let place = DAffine3 { translation: it.world_from_model.translation - origin, ..it.world_from_model };
+        let place = DAffine3 { translation: world_from_model.translation - origin, ..world_from_model };
         let mut triangles = Vec::with_capacity(info.as_ref().map_or(0, |info| info.triangles as usize));
         let mut reader = model.read_part(part)?;
         loop {

@@ -8,6 +8,7 @@ use crate::base::progress::{Cancel, Progress};
 use crate::math::DBounds;
 use crate::scene::SceneState;
 use crate::scene::placed::Placed;
+use std::borrow::Cow;
 
 /// A part of an instance, by the indices of both.
 pub(super) type PartKey = [u32; 2];
@@ -77,20 +78,20 @@ impl<'a> Task<'a> {
     }
 
     fn is_shown(&self, [instance, part]: PartKey) -> bool {
-        let it = &self.scene.instances[instance as usize];
+        let it = self.scene.state_of(instance);
         it.look.visible && !it.parts.looks.hides(part)
     }
 
     /// Returns the pairs of placed trees that may have pairs of parts within the clearance of each other, in order.
     pub fn tree_pairs(&self) -> Vec<[u32; 2]> {
-        let placed = &self.scene.placement.placed;
+        let placed: Vec<Cow<Placed>> = self.scene.all_placed().collect();
         let count = |p: &Placed| self.scene.models[p.model as usize].local_parts(p.tree);
         let any = |members: &Members, p: &Placed| members.has_any(p.instance, p.first_part, count(p));
         // Which of both sets each tree may have parts of.
         let may: Vec<[bool; 2]> = placed
             .iter()
             .map(|p| {
-                let is_shown = self.scene.instances[p.instance as usize].look.visible && !p.bounds.is_empty();
+                let is_shown = self.scene.state_of(p.instance).look.visible && !p.bounds.is_empty();
                 [is_shown && any(&self.a, p), is_shown && any(self.b(), p)]
             })
             .collect();

@@ -85,9 +85,9 @@ impl SceneState {
         let Some(best) = quest::search(self, sets, is_self, squared)? else { return Ok(None) };
         let prims = self.prims_of(best.sides.map(|side| (side.placed, side.prim_at)))?;
         let ids = best.sides.map(|side| {
-            let placed = &self.placement.placed[side.placed as usize];
+            let placed = self.placed(side.placed);
             let part = self.models[placed.model as usize].parts().id(side.part as usize);
-            (self.instances[placed.instance as usize].id, part.unwrap_or(NONE))
+            (self.instance_id(placed.instance), part.unwrap_or(NONE))
         });
         // Of one set, that part comes first whose instance was added first, or that comes first in its model.
         let [x, y] = best.sides.map(|side| (side.instance, side.part));

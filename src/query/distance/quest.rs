@@ -2,8 +2,8 @@
 //! places, which share the least distance found so far.
 
 use super::super::among::Among;
-use super::super::needs::together;
-use super::super::rounds::{Quest, Rounds, WaitList};
+use super::super::rounds::{Quest, Rounds};
+use super::super::waiting::{Lacking, Waiting};
 use super::walk::{Entry, Nearest, Rest, Scratch, Walker, needed};
 use crate::base::error::Result;
 use crate::base::ids::BlockId;
@@ -61,6 +61,21 @@ pub(super) struct Piece {
     rest: Rest,
     /// The blocks that the nearest pair of places needs.
     needs: Vec<Need>,
+}
+
+impl Lacking for Piece {
+    type Step = Vec<Need>;
+
+    fn bytes(&self) -> u64 {
+        (self.rest.left.capacity() * size_of::<Entry>() + self.needs.capacity() * size_of::<Need>()) as u64
+    }
+
+    fn steps(&self) -> impl Iterator<Item = Vec<Need>> {
+        std::iter::once(self.needs.clone())
+    }
+
+    /// The first walks come first.
+    fn sort(_: &mut Vec<Vec<Need>>) {}
 }
 
 /// A walk, compiled for a set of instructions.
@@ -132,7 +147,7 @@ impl Walker<'_> {
 }
 
 impl Quest for Search<'_> {
-    type Waiting = Waiting;
+    type Waiting = Waiting<Piece>;
     const ITEM_BYTES: u64 = 1 << 14;
     const RENEWAL: usize = 8;
     const FETCH: usize = 16;
@@ -148,40 +163,5 @@ impl Quest for Search<'_> {
 
     fn resume(&self, piece: Piece, snapshots: &Snapshots) -> Option<Piece> {
         self.go_on(piece, snapshots)
-    }
-}
-
-/// Walks that lack blocks.
-#[derive(Default)]
-pub(super) struct Waiting(Vec<Piece>);
-
-impl WaitList for Waiting {
-    type Piece = Piece;
-    type Parked = Piece;
-
-    fn bytes(piece: &Piece) -> u64 {
-        let needs = piece.needs.capacity() * size_of::<Need>();
-        (size_of::<Piece>() + piece.rest.left.capacity() * size_of::<Entry>() + needs) as u64
-    }
-
-    fn piece(piece: &Piece) -> &Piece {
-        piece
-    }
-
-    fn is_empty(&self) -> bool {
-        self.0.is_empty()
-    }
-
-    fn push(&mut self, piece: Piece) {
-        self.0.push(piece);
-    }
-
-    fn take(&mut self, is_there: impl Fn(Need) -> bool) -> Vec<Piece> {
-        self.0.extract_if(.., |piece| piece.needs.iter().all(|&need| is_there(need))).collect()
-    }
-
-    /// Plans the blocks of the first walks, all that a walk needs together.
-    fn plan(&self, room: u64, bytes: impl Fn(Need) -> u64) -> (Vec<Need>, bool) {
-        together(self.0.iter().map(|piece| piece.needs.iter().copied()), room, bytes)
     }
 }

@@ -13,7 +13,7 @@ use crate::scene::placed::Placed;
 use crate::scene::top::{NodeRef, Target};
 use crate::scene::walk::SceneView;
 use crate::structure::nearest::{PointFrame, at_most, greater, lesser, positive, sort_nearest_last, triangle_of};
-use crate::structure::{EIGHT, Eight, Lanes, Place, Rooted, Tree};
+use crate::structure::{COLUMNS, Lanes, Place, Rooted, Rows, Tree};
 use glam::{DAffine3, DVec3};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
@@ -68,71 +68,48 @@ impl Nearest {
     }
 }
 
-/// Up to eight children or triangles of a place, in the frame of a pair.
-#[derive(Default, Clone)]
+/// The children or triangles of a place, in the frame of a pair.
+#[derive(Default)]
 struct Opened {
-    eight: Eight,
+    rows: Rows,
     /// Boxes of children or triangles: least and greatest coordinates.
     low: [Lanes; 3],
     high: [Lanes; 3],
     corners: [[Lanes; 3]; 3],
 }
 
-/// All that is below a place.
-#[derive(Default)]
-struct Below {
-    rows: Vec<Opened>,
-    count: usize,
-}
-
-impl Below {
-    #[inline(always)]
-    fn open(&mut self, tree: &Tree, place: Place, frame: &PointFrame, eight: &mut Eight) -> bool {
-        self.count = 0;
-        let (rows, count) = (&mut self.rows, &mut self.count);
-        let opened = tree.eights(place, eight, |eight| {
-            if rows.len() == *count {
-                rows.push(Opened::default());
-            }
-            rows[*count].fill(eight, frame);
-            *count += 1;
-        });
-        opened.is_ok()
-    }
-
-    fn all(&self) -> &[Opened] {
-        &self.rows[..self.count]
-    }
-}
-
 impl Opened {
+    /// Returns false if the place's block is missing.
     #[inline(always)]
-    fn fill(&mut self, eight: &Eight, frame: &PointFrame) {
-        self.eight.clone_from(eight);
-        if eight.is_leaf {
-            self.corners = frame.corners(eight);
+    fn open(&mut self, tree: &Tree, place: Place, frame: &PointFrame) -> bool {
+        if tree.rows(place, false, &mut self.rows).is_err() {
+            return false;
+        }
+        if self.rows.is_leaf {
+            self.corners = frame.corners(&self.rows);
             let [a, b, c] = &self.corners;
             for axis in 0..3 {
-                for lane in 0..EIGHT {
+                for lane in 0..COLUMNS {
                     let (x, y, z) = (a[axis][lane], b[axis][lane], c[axis][lane]);
                     self.low[axis][lane] = lesser(lesser(x, y), z);
                     self.high[axis][lane] = greater(greater(x, y), z);
                 }
             }
         } else {
-            for (axis, [middle, half]) in frame.image(&eight.bounds).iter().enumerate() {
-                for lane in 0..EIGHT {
+            for (axis, [middle, half]) in frame.image(&self.rows.boxes()).iter().enumerate() {
+                for lane in 0..COLUMNS {
                     self.low[axis][lane] = middle[lane] - half[lane];
                     self.high[axis][lane] = middle[lane] + half[lane];
                 }
             }
         }
+        true
     }
 
     /// Squared distances of all boxes from a box.
     #[inline(always)]
     fn squared_to(&self, b: &DBounds) -> Lanes {
-        let mut sum = [0.0; EIGHT];
+        let mut sum = [0.0; COLUMNS];
         for axis in 0..3 {
             let (low, high) = (b.min[axis], b.max[axis]);
             for (lane, sum) in sum.iter_mut().enumerate() {
@@ -154,8 +131,7 @@ impl Opened {
 #[derive(Default)]
 pub(super) struct Scratch {
     pub stack: Vec<Entry>,
-    eight: Eight,
-    below: [Below; 2],
+    below: [Opened; 2],
 }
 
 /// The placed trees that a walk is in.
@@ -282,7 +258,8 @@ impl<'a> Walker<'a> {
     }
 
     fn enter(&self, placed: [u32; 2]) -> Pair<'a> {
-        let of = placed.map(|index| &self.scene().placement.placed[index as usize]);
+        let made = placed.map(|index| self.scene().placed(index));
+        let of = made.each_ref().map(|p| &**p);
         let origin = Frames::new(of, 0.0).origin;
         let frames = of.map(|p: &Placed| {
             let map = DAffine3 { translation: p.frame().translation - origin, ..p.frame() };
@@ -310,7 +287,7 @@ impl<'a> Walker<'a> {
                 }
                 Target::Placed(index) => {
                     let root = self.sets[i].enters(index).then(|| self.sets[i].tree(self.view, index).root()).flatten();
-                    let bounds = self.scene().placement.placed[index as usize].bounds;
+                    let bounds = self.scene().placed(index).bounds;
                     root.map(|root| (At::In(index, root, false), bounds)).into_iter().collect()
                 }
             },
@@ -326,8 +303,8 @@ impl<'a> Walker<'a> {
                 let squared = of_a.squared_distance(&of_b);
                 let mut bounds = [of_a, of_b];
                 if let [At::In(x, ..), At::In(y, ..)] = [a, b] {
-                    let placed = [x, y].map(|index| &self.scene().placement.placed[index as usize]);
-                    let origin = Frames::new(placed, 0.0).origin;
+                    let placed = [x, y].map(|index| self.scene().placed(index));
+                    let origin = Frames::new(placed.each_ref().map(|p| &**p), 0.0).origin;
                     bounds = bounds.map(|b| DBounds { min: b.min - origin, max: b.max - origin });
                 }
                 out.push(Entry { squared, at: [a, b], bounds });
@@ -368,111 +345,104 @@ impl<'a> Walker<'a> {
         scratch: &mut Scratch,
     ) -> bool {
         let [opens_a, opens_b] = opened_sides(self.is_self, entry);
-        let Scratch { stack, eight, below: [a, b] } = scratch;
-        if opens_a && !a.open(&pair.trees[0], places[0].0, &pair.frames[0], eight) {
+        let Scratch { stack, below: [a, b] } = scratch;
+        if opens_a && !a.open(&pair.trees[0], places[0].0, &pair.frames[0]) {
             return false;
         }
-        if opens_b && !b.open(&pair.trees[1], places[1].0, &pair.frames[1], eight) {
+        if opens_b && !b.open(&pair.trees[1], places[1].0, &pair.frames[1]) {
             return false;
         }
         match (opens_a, opens_b) {
-            (true, true) if places[0].1 && places[1].1 => self.meet(pair, a.all(), b.all(), rest),
+            (true, true) if places[0].1 && places[1].1 => self.meet(pair, a, b, rest),
             (true, true) => {
                 // Both are one place. A root may be a leaf.
-                if a.all().iter().any(|row| row.eight.is_leaf) {
+                if a.rows.is_leaf {
                     let at = entry.at.map(as_leaf);
                     stack.push(Entry { at, ..*entry });
                     return true;
                 }
-                for (x, i) in a.all().iter().flat_map(|row| bits(row.eight.mask).map(move |i| (row, i))) {
-                    let (bounds, at) = (x.bounds(i), child(pair.placed[0], x, i));
-                    for row in b.all() {
-                        let squared = row.squared_to(&bounds);
-                        for j in bits(row.eight.mask) {
-                            let other = child(pair.placed[1], row, j);
-                            if is_in_order(&at, &other) {
-                                let bounds = [bounds, row.bounds(j)];
-                                stack.push(Entry { squared: squared[j], at: [at, other], bounds });
-                            }
+                for i in bits(a.rows.mask) {
+                    let (bounds, at) = (a.bounds(i), child(pair.placed[0], a, i));
+                    let squared = b.squared_to(&bounds);
+                    for j in bits(b.rows.mask) {
+                        let other = child(pair.placed[1], b, j);
+                        if is_in_order(&at, &other) {
+                            stack.push(Entry { squared: squared[j], at: [at, other], bounds: [bounds, b.bounds(j)] });
                         }
                     }
                 }
             }
-            (true, false) => Self::descend(entry, 0, pair, a.all(), stack),
-            _ => Self::descend(entry, 1, pair, b.all(), stack),
+            (true, false) => Self::descend(entry, 0, pair, a, stack),
+            _ => Self::descend(entry, 1, pair, b, stack),
         }
         true
     }
 
     /// Replaces one side of an entry by what is below it.
     #[inline(always)]
-    fn descend(entry: &Entry, side: usize, pair: &Pair, below: &[Opened], stack: &mut Vec<Entry>) {
-        for row in below {
-            if row.eight.is_leaf {
-                let mut at = entry.at;
-                at[side] = as_leaf(at[side]);
-                return stack.push(Entry { at, ..*entry });
-            }
-            let squared = row.squared_to(&entry.bounds[1 - side]);
-            for lane in bits(row.eight.mask) {
-                let (mut at, mut bounds) = (entry.at, entry.bounds);
-                (at[side], bounds[side]) = (child(pair.placed[side], row, lane), row.bounds(lane));
-                stack.push(Entry { squared: squared[lane], at, bounds });
-            }
+    fn descend(entry: &Entry, side: usize, pair: &Pair, below: &Opened, stack: &mut Vec<Entry>) {
+        if below.rows.is_leaf {
+            let mut at = entry.at;
+            at[side] = as_leaf(at[side]);
+            return stack.push(Entry { at, ..*entry });
+        }
+        let squared = below.squared_to(&entry.bounds[1 - side]);
+        for lane in bits(below.rows.mask) {
+            let (mut at, mut bounds) = (entry.at, entry.bounds);
+            (at[side], bounds[side]) = (child(pair.placed[side], below, lane), below.bounds(lane));
+            stack.push(Entry { squared: squared[lane], at, bounds });
         }
     }
 
     /// Measures the distances between triangles.
     #[inline(always)]
-    fn meet(&self, pair: &Pair, a: &[Opened], b: &[Opened], rest: &mut Rest) {
-        let placed = pair.placed.map(|index| &self.scene().placement.placed[index as usize]);
-        let part = |side: usize, row: &Opened, lane: usize| {
-            let part = placed[side].first_part.saturating_add(row.eight.parts[lane]);
+    fn meet(&self, pair: &Pair, a: &Opened, b: &Opened, rest: &mut Rest) {
+        let placed = pair.placed.map(|index| self.scene().ids_of(index));
+        let part = |side: usize, opened: &Opened, lane: usize| {
+            let part = placed[side].first_part.saturating_add(opened.rows.parts[lane]);
             let is_member = pair.is_whole[side] || self.sets[side].has(placed[side].instance, part);
             is_member.then_some(part)
         };
-        for (x, i) in a.iter().flat_map(|row| bits(row.eight.mask).map(move |i| (row, i))) {
-            let Some(part_a) = part(0, x, i) else { continue };
-            let (bounds, first) = (x.bounds(i), triangle_of(&x.corners, i));
-            for y in b {
-                let squared = y.squared_to(&bounds);
-                let most = limit(f64::from_bits(self.bound.load(Relaxed)), pair.slack);
-                for j in bits(y.eight.mask & at_most(&squared, most)) {
-                    let Some(part_b) = part(1, y, j) else { continue };
-                    if (placed[0].instance, part_a) == (placed[1].instance, part_b) {
-                        continue;
-                    }
-                    let near = triangle_triangle(&first, &triangle_of(&y.corners, j));
-                    if near.squared > f64::from_bits(self.bound.load(Relaxed)) {
-                        continue;
-                    }
-                    let prims = [(0, x, i), (1, y, j)].map(|(k, row, lane)| {
-                        // The triangle's block is in memory here.
-                        pair.trees[k].prim_place(&row.eight.hit(lane))
-                    });
-                    let [Some(prim_a), Some(prim_b)] = prims else { continue };
-                    let side = |k: usize, part, prim_at| Side {
-                        placed: pair.placed[k],
-                        instance: placed[k].instance,
-                        part,
-                        prim_at,
-                    };
-                    let error = if near.squared == 0.0 { 0.0 } else { near.error + pair.rounding };
-                    let found = Nearest {
-                        squared: near.squared,
-                        error,
-                        points: near.points.map(|p| p + pair.origin),
-                        sides: [side(0, part_a, prim_a), side(1, part_b, prim_b)],
-                    };
-                    // Of triangles with a common point the first counts; those of one walk come in order.
-                    if near.squared == 0.0 || rest.best.is_none_or(|best| found.precedes(&best)) {
-                        rest.best = Some(found);
-                        self.bound.fetch_min(near.squared.to_bits(), Relaxed);
-                    }
-                    if near.squared == 0.0 {
-                        rest.meets = true;
-                        return;
-                    }
+        for i in bits(a.rows.mask) {
+            let Some(part_a) = part(0, a, i) else { continue };
+            let (bounds, first) = (a.bounds(i), triangle_of(&a.corners, i));
+            let squared = b.squared_to(&bounds);
+            let most = limit(f64::from_bits(self.bound.load(Relaxed)), pair.slack);
+            for j in bits(b.rows.mask & at_most(&squared, most)) {
+                let Some(part_b) = part(1, b, j) else { continue };
+                if (placed[0].instance, part_a) == (placed[1].instance, part_b) {
+                    continue;
+                }
+                let near = triangle_triangle(&first, &triangle_of(&b.corners, j));
+                if near.squared > f64::from_bits(self.bound.load(Relaxed)) {
+                    continue;
+                }
+                let prims = [(0, a, i), (1, b, j)].map(|(k, opened, lane)| {
+                    // The triangle's block is in memory here.
+                    pair.trees[k].prim_place(&opened.rows.hit(lane))
+                });
+                let [Some(prim_a), Some(prim_b)] = prims else { continue };
+                let side = |k: usize, part, prim_at| Side {
+                    placed: pair.placed[k],
+                    instance: placed[k].instance,
+                    part,
+                    prim_at,
+                };
+                let error = if near.squared == 0.0 { 0.0 } else { near.error + pair.rounding };
+                let found = Nearest {
+                    squared: near.squared,
+                    error,
+                    points: near.points.map(|p| p + pair.origin),
+                    sides: [side(0, part_a, prim_a), side(1, part_b, prim_b)],
+                };
+                // Of triangles with a common point the first counts; those of one walk come in order.
+                if near.squared == 0.0 || rest.best.is_none_or(|best| found.precedes(&best)) {
+                    rest.best = Some(found);
+                    self.bound.fetch_min(near.squared.to_bits(), Relaxed);
+                }
+                if near.squared == 0.0 {
+                    rest.meets = true;
+                    return;
                 }
             }
         }
@@ -511,8 +481,8 @@ pub(super) fn needed(is_self: bool, entry: &Entry) -> impl Iterator<Item = (u32,
 }
 
 #[inline(always)]
-fn child(placed: u32, row: &Opened, lane: usize) -> At {
-    At::In(placed, row.eight.places[lane], row.eight.leaves >> lane & 1 == 1)
+fn child(placed: u32, opened: &Opened, lane: usize) -> At {
+    At::In(placed, opened.rows.places[lane], opened.rows.is_leaf_below(lane))
 }
 
 fn as_leaf(at: At) -> At {

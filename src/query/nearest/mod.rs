@@ -137,15 +137,15 @@ impl SceneState {
 fn answer(walker: &Walker, scene: &SceneState, p: DVec3, limit: f64, best: &Best, left: &[Entry]) -> NearestPoint {
     let least = walker.least(p, left);
     let of = |tie: &walk::Candidate| {
-        let placed = &scene.placement.placed[tie.placed as usize];
-        let (it, model) = (&scene.instances[placed.instance as usize], &scene.models[placed.model as usize]);
+        let placed = scene.ids_of(tie.placed);
+        let (instance, model) = (scene.instance_id(placed.instance), &scene.models[placed.model as usize]);
         let distance = best.squared.sqrt();
         let is_exact = left.is_empty() && tie.prim.is_some();
         NearestPoint {
             distance,
             error: tie.error.max(distance - least),
             position: p + tie.point,
-            instance: it.id,
+            instance,
             part: model.parts().id(tie.part as usize).unwrap_or(NONE),
             prim: tie.prim.unwrap_or(NONE),
             kind: if is_exact { HitKind::Exact } else { HitKind::Missing },
@@ -161,7 +161,7 @@ fn answer(walker: &Walker, scene: &SceneState, p: DVec3, limit: f64, best: &Best
         (Some(found), _) if found.distance <= greatest => found,
         // A box whose farthest point is nearer than the triangles that were found.
         (_, Some((_, middle))) => {
-            let most = greatest.max(least) * (1.0 + 1e-12) + position_error(scene);
+            let most = greatest.max(least) * (1.0 + 1e-12) + scene.placement.position_error;
             let least = least.min(limit);
             let distance = (least + most) * 0.5;
             NearestPoint {
@@ -176,9 +176,4 @@ fn answer(walker: &Walker, scene: &SceneState, p: DVec3, limit: f64, best: &Best
             NearestPoint { distance: least, error: f64::INFINITY, kind: HitKind::Missing, ..NearestPoint::MISS }
         }
     }
-}
-
-/// The greatest distance of stored vertices from those of the input.
-fn position_error(scene: &SceneState) -> f64 {
-    scene.placement.placed.iter().map(|placed| placed.position_error).fold(0.0, f64::max)
 }

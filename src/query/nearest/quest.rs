@@ -2,17 +2,17 @@
 //! another, so that they find what they read in the caches of the processor.
 
 use super::super::among::Among;
-use super::super::rounds::{Quest, Rounds, WaitList};
-use super::walk::{At, Best, Entry, Scratch, Walker};
+use super::super::rounds::{Quest, Rounds};
+use super::super::waiting::{Lacking, Waiting};
+use super::walk::{At, Best, Candidate, Entry, Scratch, Walker};
 use super::{NearestOptions, NearestPoint, answer};
 use crate::base::error::Result;
 use crate::query::batch::Policy;
-use crate::query::needs::one_at_least;
 use crate::scene::SceneState;
 use crate::scene::walk::{Need, SceneView, Snapshots};
 use crate::simd::{Op, Simd, dispatch};
 use glam::DVec3;
-use std::collections::BTreeMap;
+use std::cmp::Reverse;
 use std::sync::{Mutex, PoisonError};
 
 /// Points that a worker takes at a time.
@@ -75,6 +75,27 @@ pub(super) struct Piece {
     left: Vec<Entry>,
     /// The block that it needs next.
     need: Need,
+}
+
+impl Lacking for Piece {
+    type Step = [Need; 1];
+
+    fn bytes(&self) -> u64 {
+        let ties = self.best.ties.capacity() * size_of::<Candidate>();
+        (ties + self.left.capacity() * size_of::<Entry>()) as u64
+    }
+
+    fn steps(&self) -> impl Iterator<Item = [Need; 1]> {
+        std::iter::once([self.need])
+    }
+
+    /// The blocks that most walks need come first.
+    fn sort(steps: &mut Vec<[Need; 1]>) {
+        steps.sort_unstable();
+        let mut counts: Vec<_> = steps.chunk_by(|a, b| a == b).map(|alike| (Reverse(alike.len()), alike[0])).collect();
+        counts.sort_unstable();
+        *steps = counts.into_iter().map(|(_, step)| step).collect();
+    }
 }
 
 /// Walks from points, compiled for a set of instructions.
@@ -170,7 +191,7 @@ impl Search<'_, '_> {
 }
 
 impl Quest for Search<'_, '_> {
-    type Waiting = Waiting;
+    type Waiting = Waiting<Piece>;
     const ITEM_BYTES: u64 = 1 << 15;
     const RENEWAL: usize = 16;
     const FETCH: usize = 16;
@@ -186,47 +207,5 @@ impl Quest for Search<'_, '_> {
 
     fn resume(&self, piece: Piece, snapshots: &Snapshots) -> Option<Piece> {
         self.walk(std::iter::once((piece.index, Some(piece))), snapshots).pop()
-    }
-}
-
-/// Walks that lack blocks.
-#[derive(Default)]
-pub(super) struct Waiting(Vec<Piece>);
-
-impl WaitList for Waiting {
-    type Piece = Piece;
-    type Parked = Piece;
-
-    fn bytes(piece: &Piece) -> u64 {
-        let ties = piece.best.ties.capacity() * size_of::<super::walk::Candidate>();
-        (size_of::<Piece>() + ties + piece.left.capacity() * size_of::<Entry>()) as u64
-    }
-
-    fn piece(piece: &Piece) -> &Piece {
-        piece
-    }
-
-    fn is_empty(&self) -> bool {
-        self.0.is_empty()
-    }
-
-    fn push(&mut self, piece: Piece) {
-        self.0.push(piece);
-    }
-
-    fn take(&mut self, is_there: impl Fn(Need) -> bool) -> Vec<Piece> {
-        self.0.extract_if(.., |piece| is_there(piece.need)).collect()
-    }
-
-    /// Plans the blocks that most walks need.
-    fn plan(&self, room: u64, bytes: impl Fn(Need) -> u64) -> (Vec<Need>, bool) {
-        let mut counts = BTreeMap::<Need, usize>::new();
-        self.0.iter().for_each(|piece| *counts.entry(piece.need).or_default() += 1);
-        let mut needs: Vec<(usize, Need)> = counts.into_iter().map(|(need, count)| (count, need)).collect();
-        needs.sort_by(|a, b| b.0.cmp(&a.0).then(a.1.cmp(&b.1)));
-        let mut fits = one_at_least(room);
-        let chosen: Vec<Need> = needs.iter().map(|it| it.1).take_while(|&need| fits(bytes(need))).collect();
-        let is_all = chosen.len() == needs.len();
-        (chosen, is_all)
     }
 }

@@ -9,8 +9,9 @@ use crate::scene::placed::Placed;
 use crate::scene::top::{NodeRef, Target};
 use crate::scene::walk::SceneView;
 use crate::structure::nearest::{PointFrame, at_most, sort_nearest_last, squared_to_triangles, triangle_of};
-use crate::structure::{Eight, Place, Rooted, Tree};
+use crate::structure::{Place, Rooted, Rows, Tree, TriHit};
 use glam::DVec3;
+use std::borrow::Cow;
 
 /// Where a walk has still to go, and a bound of the squared distance to all that is there.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -71,13 +72,13 @@ pub(super) struct Scratch {
     pub stack: Vec<Entry>,
     /// The entries that lack their blocks.
     pub left: Vec<Entry>,
-    eight: Eight,
+    rows: Rows,
 }
 
 /// The placed tree that a walk is in.
 struct Inside<'a> {
     index: u32,
-    placed: &'a Placed,
+    placed: Cow<'a, Placed>,
     tree: Tree<'a>,
     frame: PointFrame,
     /// Distances to boxes and triangles of the tree are exact within this.
@@ -124,9 +125,9 @@ impl<'a> Walker<'a> {
 
     #[inline(always)]
     fn enter(&self, index: u32, p: DVec3, best: f64) -> Inside<'a> {
-        let placed = &self.scene().placement.placed[index as usize];
-        let frame = PointFrame::new(placed.frame_around(p), placed.local_point(p), [placed.shrink, placed.stretch]);
-        let slack = slack_of(placed, p);
+        let placed = self.scene().placed(index);
+        let frame = PointFrame::new(placed.frame_around(p), placed.local_point(p), [placed.shrink(), placed.stretch]);
+        let slack = slack_of(&placed, p);
         let (tree, is_whole) = (self.among.tree(self.view, index), self.among.is_whole(index));
         Inside { index, placed, tree, frame, slack, limit: limit(best, slack), is_whole }
     }
@@ -134,7 +135,7 @@ impl<'a> Walker<'a> {
     /// Goes on from the stack as far as the blocks in memory allow. With `BOXES` it also finds upper bounds from boxes.
     #[inline(always)]
     pub fn go_on<const BOXES: bool>(&self, p: DVec3, scratch: &mut Scratch) {
-        let Scratch { best, stack, left, eight } = scratch;
+        let Scratch { best, stack, left, rows } = scratch;
         let mut inside: Option<Inside> = None;
         // Boxes around placed trees are rounded outward, but the distances to triangles are rounded too.
         let around = self.among.top().around();
@@ -155,18 +156,14 @@ impl<'a> Walker<'a> {
                     if entry.squared > now.limit {
                         continue;
                     }
-                    let bottom = stack.len();
-                    let Inside { tree, .. } = *now;
-                    let opened = tree.eights(place, eight, |eight| {
-                        if eight.is_leaf {
-                            self.meet(p, now, eight, best);
-                        } else {
-                            Self::open::<BOXES>(p, now, eight, best, stack);
-                        }
-                    });
-                    match opened {
-                        Ok(()) => sort_nearest_last(&mut stack[bottom..], |entry| entry.squared),
-                        Err(_) => left.push(entry),
+                    if now.tree.rows(place, false, rows).is_err() {
+                        left.push(entry);
+                    } else if rows.is_leaf {
+                        self.meet(p, now, rows, best);
+                    } else {
+                        let bottom = stack.len();
+                        Self::open::<BOXES>(now, rows, best, stack);
+                        sort_nearest_last(&mut stack[bottom..], |entry| entry.squared);
                     }
                 }
             }
@@ -177,7 +174,7 @@ impl<'a> Walker<'a> {
     fn open_top<const BOXES: bool>(&self, p: DVec3, node: NodeRef, best: &mut Best, stack: &mut Vec<Entry>) {
         match node.target() {
             Target::Placed(index) if self.among.enters(index) => {
-                let placed = &self.scene().placement.placed[index as usize];
+                let placed = self.scene().placed(index);
                 if BOXES && self.among.is_whole(index) {
                     let far = (placed.bounds.max - p).abs().max((placed.bounds.min - p).abs());
                     around(best, far.dot(far), (placed.bounds.min + placed.bounds.max) * 0.5 - p);
@@ -199,37 +196,38 @@ impl<'a> Walker<'a> {
 
     /// Puts children on the stack.
     #[inline(always)]
-    fn open<const BOXES: bool>(_p: DVec3, now: &Inside, eight: &Eight, best: &mut Best, stack: &mut Vec<Entry>) {
-        let squared = now.frame.squared(&eight.bounds);
+    fn open<const BOXES: bool>(now: &Inside, rows: &Rows, best: &mut Best, stack: &mut Vec<Entry>) {
+        let boxes = rows.boxes();
+        let squared = now.frame.squared(&boxes);
         if BOXES && now.is_whole {
-            let far = now.frame.farthest(&eight.bounds);
-            let image = now.frame.image(&eight.bounds);
-            for lane in bits(eight.mask) {
+            let far = now.frame.farthest(&boxes);
+            let image = now.frame.image(&boxes);
+            for lane in bits(rows.mask) {
                 let middle = DVec3::new(image[0][0][lane], image[1][0][lane], image[2][0][lane]);
                 around(best, limit(far[lane], now.slack), middle);
             }
         }
-        for lane in bits(eight.mask & at_most(&squared, now.limit)) {
-            stack.push(Entry { squared: squared[lane], at: At::In(now.index, eight.places[lane]) });
+        for lane in bits(rows.mask & at_most(&squared, now.limit)) {
+            stack.push(Entry { squared: squared[lane], at: At::In(now.index, rows.places[lane]) });
         }
     }
 
     /// Measures the distances to triangles.
     #[inline(always)]
-    fn meet(&self, p: DVec3, now: &mut Inside, eight: &Eight, best: &mut Best) {
-        let corners = now.frame.corners(eight);
+    fn meet(&self, p: DVec3, now: &mut Inside, rows: &Rows, best: &mut Best) {
+        let corners = now.frame.corners(rows);
         let squared = squared_to_triangles(&corners);
-        for lane in bits(eight.mask & at_most(&squared, now.limit)) {
+        for lane in bits(rows.mask & at_most(&squared, now.limit)) {
             if squared[lane] > now.limit {
                 continue;
             }
-            let part = now.placed.first_part.saturating_add(eight.parts[lane]);
+            let part = now.placed.first_part.saturating_add(rows.parts[lane]);
             if !now.is_whole && !self.among.has(now.placed.instance, part) {
                 continue;
             }
             let near = point_triangle(DVec3::ZERO, &triangle_of(&corners, lane));
             if near.squared <= best.squared {
-                self.offer(p, now, eight, lane, (near.squared, near.point, near.error, part), best);
+                self.offer(p, now, &rows.hit(lane), (near.squared, near.point, near.error, part), best);
             }
         }
     }
@@ -239,15 +237,14 @@ impl<'a> Walker<'a> {
         &self,
         p: DVec3,
         now: &mut Inside,
-        eight: &Eight,
-        lane: usize,
+        hit: &TriHit,
         (squared, point, error, part): (f64, DVec3, f64, u32),
         best: &mut Best,
     ) {
         if squared == best.squared
             && let Some(other) = best.ties.first()
         {
-            let instance = |placed: u32| self.scene().placement.placed[placed as usize].instance;
+            let instance = |placed: u32| self.scene().ids_of(placed).instance;
             let (own, other) = ((now.placed.instance, part), (instance(other.placed), other.part));
             if own > other {
                 return;
@@ -259,7 +256,7 @@ impl<'a> Walker<'a> {
             best.ties.clear();
         }
         // The triangle's block is in memory here.
-        let Some(prim_at) = now.tree.prim_place(&eight.hit(lane)) else { return };
+        let Some(prim_at) = now.tree.prim_place(hit) else { return };
         let error = error + now.placed.corner_rounding(p.abs().max_element()) + now.placed.position_error;
         // A triangle in several leaves counts once.
         if !best.ties.iter().any(|tie| (tie.placed, tie.prim_at) == (now.index, prim_at)) {
@@ -288,8 +285,8 @@ impl<'a> Walker<'a> {
         left.retain(|entry| match entry.at {
             At::Top(_) => true,
             At::In(index, _) => {
-                let placed = &self.scene().placement.placed[index as usize];
-                entry.squared <= limit(squared, slack_of(placed, p))
+                let placed = self.scene().placed(index);
+                entry.squared <= limit(squared, slack_of(&placed, p))
             }
         });
     }
@@ -298,7 +295,7 @@ impl<'a> Walker<'a> {
     pub fn least(&self, p: DVec3, left: &[Entry]) -> f64 {
         let of = |entry: &Entry| {
             let slack = match entry.at {
-                At::In(index, _) => slack_of(&self.scene().placement.placed[index as usize], p),
+                At::In(index, _) => slack_of(&self.scene().placed(index), p),
                 At::Top(_) => 0.0,
             };
             (entry.squared.sqrt() * (1.0 - 1e-12) - slack).max(0.0)

@@ -36,6 +36,8 @@ impl Met {
 }
 
 /// The placed trees that the rays of a packet may enter.
+// One exists for each packet, and stays on the stack.
+#[allow(clippy::large_enum_variant)]
 enum Enters<'a> {
     None,
     /// A single tree, in which the rays have the same distances as in the world.
@@ -60,7 +62,7 @@ impl<'v> Direct<'v> {
 
     /// True if rays with a common origin begin near a placed tree. Others are tested when they enter it.
     fn is_near(&self, placed: u32, rays: &CameraPacket) -> bool {
-        rays.eye().is_none_or(|eye| !self.view.scene.placement.placed[placed as usize].is_far(eye))
+        rays.eye().is_none_or(|eye| !self.view.scene.placed(placed).is_far(eye))
     }
 
     /// Begins the packets of a tile, and traces them as far as they stay in one bundle. `packets`: for each packet its
@@ -174,7 +176,7 @@ impl<'v> Direct<'v> {
         let mut near = Box::new(Near { rays: CameraPacket::clone(rays), ahead: [0.0; PACKET] });
         near.rays.spread();
         for i in bits(active) {
-            let placed = &self.view.scene.placement.placed[found[i].placed as usize];
+            let placed = self.view.scene.placed(found[i].placed);
             let ahead = (found[i].t - placed.extent()).max(0.0);
             near.rays.advance(i, rays.dir(i).as_dvec3() + rest[i].as_dvec3(), ahead);
             found[i].t -= ahead;

@@ -84,7 +84,7 @@ impl Direct<'_> {
                     continue;
                 }
                 let behind = stand_in::look(&self.view, &rays[i], &found).map_or(found.t, |look| look.leave());
-                rays[i].t_min = behind + self.view.scene.placement.placed[found.placed as usize].extent() * LEAVE;
+                rays[i].t_min = behind + self.view.scene.placed(found.placed).extent() * LEAVE;
             }
         }
         Ok(())

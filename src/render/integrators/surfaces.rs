@@ -140,14 +140,16 @@ impl Direct<'_> {
         };
         let mut out = Out { seen, surfaces, shading, first, wants };
         if let Some(number) = met.only {
-            let at = InTree::new(&self.view, number);
+            let placed = self.view.scene.placed(number);
+            let at = InTree { view: &self.view, number, placed: &placed };
             return self.see(&InOne { at, met: active, all: active, hits: &**group, rays, ahead, note }, &mut out);
         }
         let mut left = active;
         while left != 0 {
             let number = found[left.trailing_zeros() as usize].placed;
             let like = bits(left).filter(|&i| found[i].placed == number).fold(0, |all, i| all | 1 << i);
-            let at = InTree::new(&self.view, number);
+            let placed = self.view.scene.placed(number);
+            let at = InTree { view: &self.view, number, placed: &placed };
             self.see(&InOne { at, met: like, all: active, hits: &found[..], rays, ahead, note }, &mut out)?;
             left &= !like;
         }

@@ -47,7 +47,7 @@ impl InBox {
             return self.todo.append(&mut self.waiting);
         }
         self.is_begun = true;
-        for (i, placed) in scene.placement.placed.iter().enumerate() {
+        for (i, placed) in scene.all_placed().enumerate() {
             let length = longest(&placed.bounds);
             if self.bounds.overlaps(&placed.bounds) && length > self.cell {
                 let root = scene.models[placed.model as usize].trees()[placed.tree as usize].root();
@@ -76,7 +76,7 @@ impl InBox {
         if cell.is_leaf {
             return tree.snapshot().visit(BlockId(cell.place.block), view.stamp).is_some();
         }
-        let placed = &view.scene.placement.placed[cell.placed as usize];
+        let placed = view.scene.placed(cell.placed);
         let mut child = |place: Place, local: &Bounds, is_leaf: bool| {
             let around = placed.world_bounds(local);
             let length = longest(&around);

@@ -9,6 +9,7 @@ mod decoder;
 pub mod layout;
 pub mod nodes;
 pub mod open;
+mod rows;
 pub mod trace;
 
 pub use decoder::{BruteDecoder, block_parts, holders};

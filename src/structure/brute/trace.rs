@@ -117,7 +117,7 @@ impl<'a> TreeView<'a> {
     }
 
     /// Reads the words of a block and sets its last-used stamp. Returns `None` if the block is missing.
-    fn visited(&self, id: u32) -> Option<&'a [u32]> {
+    pub(super) fn visited(&self, id: u32) -> Option<&'a [u32]> {
         if self.visit.stop.load(Relaxed) {
             return None;
         }
@@ -138,7 +138,7 @@ impl<'a> TreeView<'a> {
             };
             walk.counters.blocks += 1;
             match Block::new(words) {
-                Block::Index(rows) => self.rows::<ANY>(&ray, rows, entry.block, walk),
+                Block::Index(rows) => self.index::<ANY>(&ray, rows, entry.block, walk),
                 Block::List(list) => {
                     if let Err(missing) = self.list::<ANY>(&ray, list, entry.block, walk) {
                         walk.stack.push(entry);
@@ -153,7 +153,7 @@ impl<'a> TreeView<'a> {
         Outcome::Done
     }
 
-    fn rows<const ANY: bool>(
+    fn index<const ANY: bool>(
         &self,
         ray: &Prepared,
         rows: &[[u32; super::layout::ROW_WORDS]],

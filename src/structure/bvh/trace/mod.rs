@@ -10,7 +10,6 @@ mod bundle;
 mod bundle_leaf;
 mod oriented_slabs;
 mod cells;
-mod eights;
 mod slab_heuristic;
 mod kernel;
 mod packet_cells;

@@ -1,0 +1,161 @@
+//! Arrays of instances.
+
+use super::guard::{Checked, Sized32, Strided, bad, boundary, read, reserved};
+use super::handles::{self, Shell};
+use super::model::{ModelObject, oc_model};
+use super::query::check_id;
+use super::scene::{SceneObject, oc_scene};
+use super::status::oc_status;
+use crate::scene::{Instances, Place, Transforms};
+use glam::{DAffine3, DVec3};
+use std::sync::Arc;
+
+/// Form of the transforms of an array, from model to world space.
+pub type oc_transform_form = u32;
+/// 12 doubles by column: the images of the three axes, then the translation. As for oc_scene_add_instance.
+pub const OC_TRANSFORM_AFFINE_F64: oc_transform_form = 0;
+/// The same in 12 floats, for models near zero.
+pub const OC_TRANSFORM_AFFINE_F32: oc_transform_form = 1;
+/// An oc_place.
+pub const OC_TRANSFORM_PLACE: oc_transform_form = 2;
+
+/// A position with a rotation and a scale. Element of an array.
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct oc_place {
+    /// Place of the model's origin in world space. Finite.
+    pub position: [f64; 3],
+    /// Quaternion x, y, z, w of the rotation, applied after the scale. Finite and not zero; need not be unit.
+    pub rotation: [f32; 4],
+    /// Scale along all axes. Finite and not 0. Below 0 it mirrors at the model's origin.
+    pub scale: f32,
+    /// Must be 0.
+    pub reserved: u32,
+}
+
+/// Many instances of a few models. OC_INIT and the prototypes, the transforms and their count are the least.
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct oc_instances {
+    /// Size of this struct in bytes; OC_INIT sets it.
+    pub struct_size: u32,
+    /// Form of `transforms`.
+    pub form: oc_transform_form,
+    /// The models, all of the scene's context. Not NULL.
+    pub prototypes: *const *const oc_model,
+    /// Number of prototypes, at least 1.
+    pub prototype_count: u64,
+    /// Index among the prototypes of each instance's model, tightly packed. NULL: all are of the first.
+    pub prototype_of: *const u32,
+    /// The transform of each instance, finite and invertible.
+    pub transforms: *const std::ffi::c_void,
+    /// Bytes from one transform to the next. 0: tightly packed.
+    pub stride: u64,
+    /// Number of instances, from 1 to below 2^31.
+    pub count: u64,
+    /// Id of the first instance; each further one has the next higher id. None may be of another instance of the scene,
+    /// nor OC_NO_ID.
+    pub first_id: u64,
+    /// A ray of a batch can hit the instances only if its mask has a common bit with this one. 0: all bits.
+    pub mask: u32,
+    /// Must be 0.
+    pub reserved: u32,
+}
+
+// SAFETY: `repr(C)`, numbers and pointers without padding, `struct_size` first.
+unsafe impl Sized32 for oc_instances {
+    const NAME: &'static str = "oc_instances";
+}
+
+/// Copies the transforms.
+///
+/// # Safety
+/// The array is as the struct's documentation says.
+unsafe fn transforms(given: &oc_instances) -> Checked<Transforms> {
+    // SAFETY: the caller's contract, for each form.
+    unsafe fn all<T: Copy, U>(given: &oc_instances, of: impl Fn(T) -> U) -> Checked<Arc<[U]>> {
+        let from = Strided::new(given.transforms.cast::<T>(), given.count, given.stride, "oc_instances.transforms")?;
+        // SAFETY: the caller's contract; each index is below the count.
+        Ok((0..from.count).map(|i| of(unsafe { from.get(i) })).collect())
+    }
+    // SAFETY: the caller's contract.
+    unsafe {
+        match given.form {
+            OC_TRANSFORM_AFFINE_F64 => {
+                let affine = |columns: [f64; 12]| DAffine3::from_cols_array(&columns);
+                Ok(Transforms::Affine(all(given, affine)?))
+            }
+            OC_TRANSFORM_AFFINE_F32 => Ok(Transforms::Affine32(all(given, |columns: [f32; 12]| columns)?)),
+            OC_TRANSFORM_PLACE => {
+                let place = |it: oc_place| {
+                    let oc_place { position, rotation, scale, reserved } = it;
+                    Place { position: DVec3::from_array(position), rotation, scale, reserved }
+                };
+                Ok(Transforms::Places(all(given, place)?))
+            }
+            other => bad(format!("oc_instances.form {other} is unknown")),
+        }
+    }
+}
+
+/// Adds many instances of a few models at once. Takes effect at oc_scene_commit.
+///
+/// The arrays are copied: 96 bytes for an affine transform in doubles, 48 for the other forms, 4 for an index of a
+/// prototype. A commit adds 16 bytes, and some 120 for the tree over all instances. The members of the array are
+/// instances like those of oc_scene_add_instance, but none can be removed alone or given another model, and one with an
+/// oc_place takes no other transform. A mask or a look that is set for one of them takes memory for that one.
+///
+/// - `instances`: models, transforms and ids.
+///
+/// Errors: OC_STATUS_INVALID_ARGUMENT if a member is not as documented: the message names the first instance that is
+/// wrong; OC_STATUS_OVER_BUDGET if the budget has no room for the array. Nothing is then added.
+///
+/// Ownership: the scene keeps the models alive; the arrays are not used after the call.
+/// Thread safety: any thread. Takes time in proportion to the number of instances.
+/// # Safety
+/// `scene` is a live handle; `instances` is initialised, its models are live handles, and its arrays are as documented.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn oc_scene_add_instances(scene: *mut oc_scene, instances: *const oc_instances) -> oc_status {
+    // SAFETY: the function's own contract.
+    boundary(|| unsafe {
+        let given = read(instances)?;
+        reserved(given.reserved, "oc_instances.reserved")?;
+        if given.count == 0 || given.count >= 1 << 31 {
+            return bad(format!("oc_instances.count {} must be from 1 to below 2^31", given.count));
+        }
+        check_id(given.first_id)?;
+        let models = Strided::new(given.prototypes, given.prototype_count, 0, "oc_instances.prototypes")?;
+        let model = |i| -> Checked<_> {
+            let model: &Shell<ModelObject> = handles::borrow(models.get(i))?;
+            Ok(model.model.clone())
+        };
+        let prototypes = (0..models.count).map(model).collect::<Checked<Vec<_>>>()?;
+        let prototype_of: Arc<[u32]> = if given.prototype_of.is_null() {
+            Arc::new([])
+        } else {
+            let all = Strided::new(given.prototype_of, given.count, 0, "oc_instances.prototype_of")?;
+            (0..all.count).map(|i| all.get(i)).collect()
+        };
+        let mask = if given.mask == 0 { u32::MAX } else { given.mask };
+        let transforms = transforms(&given)?;
+        let instances = Instances { prototypes, prototype_of, transforms, first_id: given.first_id, mask };
+        handles::with(scene, |scene: &Shell<SceneObject>| Ok(scene.scene.add_instances(&instances)?))
+    })
+}
+
+/// Removes all instances that one call of oc_scene_add_instances added. Takes effect at oc_scene_commit.
+///
+/// - `first_id`: id of the first of them.
+///
+/// Errors: OC_STATUS_INVALID_ARGUMENT if no call added instances from that id on.
+///
+/// Thread safety: any thread. Cheap.
+/// # Safety
+/// `scene` is a live handle.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn oc_scene_remove_instances(scene: *mut oc_scene, first_id: u64) -> oc_status {
+    // SAFETY: the function's own contract.
+    boundary(|| unsafe {
+        handles::with(scene, |scene: &Shell<SceneObject>| Ok(scene.scene.remove_instances(first_id)?))
+    })
+}

@@ -1,0 +1,187 @@
+//! Arrays of instances: many instances of a few models, with a transform each and next to nothing else.
+
+use super::model::Model;
+use super::placed::{check_transform, check_turn};
+use crate::base::error::{Error, Result};
+use glam::{DAffine3, DMat3, DQuat, DVec3};
+use std::sync::Arc;
+
+/// A position with a rotation and a scale, in 48 bytes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[repr(C)]
+pub struct Place {
+    /// The place of the model's origin, in world space.
+    pub position: DVec3,
+    /// Quaternion x, y, z, w of the rotation, applied after the scale. Its length must not be 0, and is ignored.
+    pub rotation: [f32; 4],
+    /// Scale along all axes: finite, not 0. Below 0 it mirrors at the origin.
+    pub scale: f32,
+    /// Must be 0.
+    pub reserved: u32,
+}
+
+impl Place {
+    /// The affine map, in double precision.
+    fn affine(&self) -> DAffine3 {
+        let [x, y, z, w] = self.rotation.map(f64::from);
+        let turn = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
+        DAffine3 { matrix3: turn * f64::from(self.scale), translation: self.position }
+    }
+}
+
+/// The transforms of an array, from model to world space.
+#[derive(Debug, Clone)]
+pub enum Transforms {
+    /// Affine maps, 96 bytes each.
+    Affine(Arc<[DAffine3]>),
+    /// Affine maps in single precision, 48 bytes each: three columns of the linear part, then the translation.
+    Affine32(Arc<[[f32; 12]]>),
+    /// Positions in double precision with rotation and scale, 48 bytes each.
+    Places(Arc<[Place]>),
+}
+
+impl Transforms {
+    /// Number of transforms.
+    pub fn len(&self) -> usize {
+        match self {
+            Self::Affine(all) => all.len(),
+            Self::Affine32(all) => all.len(),
+            Self::Places(all) => all.len(),
+        }
+    }
+
+    /// True if there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Bytes of memory.
+    fn bytes(&self) -> u64 {
+        let each = match self {
+            Self::Affine(_) => size_of::<DAffine3>(),
+            Self::Affine32(_) | Self::Places(_) => size_of::<Place>(),
+        };
+        (self.len() * each) as u64
+    }
+
+    /// Transform `i`.
+    #[inline]
+    fn get(&self, i: usize) -> DAffine3 {
+        match self {
+            Self::Affine(all) => all[i],
+            Self::Affine32(all) => DAffine3::from_cols_array(&all[i].map(f64::from)),
+            Self::Places(all) => all[i].affine(),
+        }
+    }
+
+    fn check(&self, i: usize) -> Result<()> {
+        match self {
+            Self::Places(all) => check_turn(&all[i].affine()),
+            _ => check_transform(&self.get(i)),
+        }
+    }
+}
+
+/// Many instances that are added at once.
+#[derive(Clone)]
+pub struct Instances {
+    /// The models, at least one.
+    pub prototypes: Vec<Model>,
+    /// Index among the prototypes of each instance's model. Empty: all are of the first.
+    pub prototype_of: Arc<[u32]>,
+    /// The transform of each instance.
+    pub transforms: Transforms,
+    /// The id of the first instance; each further one has the next higher id.
+    pub first_id: u64,
+    /// They are visible to rays with a common bit in their masks.
+    pub mask: u32,
+}
+
+/// The content of an array in a scene.
+#[derive(Clone)]
+pub(super) struct Array {
+    prototype_of: Arc<[u32]>,
+    transforms: Transforms,
+    pub first_id: u64,
+}
+
+impl Array {
+    /// Checks the instances. Fails with `BadArgument`, which names the first that is wrong.
+    pub fn new(instances: &Instances) -> Result<Self> {
+        let Instances { prototypes, prototype_of, transforms, first_id, .. } = instances;
+        let bad = |why: String| Err(Error::bad_argument(format!("instances: {why}")));
+        let count = transforms.len();
+        if count == 0 || prototypes.is_empty() {
+            return bad("there must be at least one transform and one prototype".into());
+        }
+        if !prototype_of.is_empty() && prototype_of.len() != count {
+            return bad(format!("{count} transforms, but {} indices of prototypes", prototype_of.len()));
+        }
+        if let Some(i) = prototype_of.iter().position(|&it| it as usize >= prototypes.len()) {
+            let (given, have) = (prototype_of[i], prototypes.len());
+            return bad(format!("instance {i} has prototype {given}, of {have}"));
+        }
+        // The highest id stands for no instance.
+        if first_id.checked_add(count as u64).is_none() {
+            return bad(format!("{count} ids from {first_id} on are too many"));
+        }
+        for i in 0..count {
+            match transforms.check(i) {
+                Err(Error::BadArgument(why)) => return bad(format!("instance {i}: {why}")),
+                other => other?,
+            }
+        }
+        let (prototype_of, transforms) = (Arc::clone(prototype_of), transforms.clone());
+        Ok(Self { prototype_of, transforms, first_id: *first_id })
+    }
+
+    /// Number of its members.
+    pub fn len(&self) -> u32 {
+        self.transforms.len() as u32
+    }
+
+    /// Index of the prototype of a member.
+    #[inline]
+    pub fn prototype_of(&self, member: u32) -> u32 {
+        self.prototype_of.get(member as usize).copied().unwrap_or(0)
+    }
+
+    /// The map of a member to the world.
+    #[inline]
+    pub fn transform(&self, member: u32) -> DAffine3 {
+        self.transforms.get(member as usize)
+    }
+
+    /// The member with an id.
+    pub fn member(&self, id: u64) -> Option<u32> {
+        let at = id.checked_sub(self.first_id)?;
+        (at < u64::from(self.len())).then_some(at as u32)
+    }
+
+    /// The index of each member's prototype.
+    pub fn models(&self) -> impl Iterator<Item = usize> {
+        (0..self.len()).map(|member| self.prototype_of(member) as usize)
+    }
+
+    /// Replaces the transform of a member. Fails with `BadArgument` if the array's form cannot hold it.
+    pub fn set(&mut self, member: u32, to: DAffine3) -> Result<()> {
+        let at = member as usize;
+        match &mut self.transforms {
+            Transforms::Affine(all) => Arc::make_mut(all)[at] = to,
+            Transforms::Affine32(all) => {
+                let single = to.to_cols_array().map(|x| x as f32);
+                check_transform(&DAffine3::from_cols_array(&single.map(f64::from)))?;
+                Arc::make_mut(all)[at] = single;
+            }
+            Transforms::Places(_) => {
+                return Err(Error::bad_argument("the array has places, and takes no affine maps"));
+            }
+        }
+        Ok(())
+    }
+
+    /// Bytes of memory.
+    pub fn bytes(&self) -> u64 {
+        self.transforms.bytes() + size_of_val(&*self.prototype_of) as u64
+    }
+}
