@@ -1,5 +1,6 @@
 //! Embree 3.13 as C declares it: the few calls and layouts that are used, from `embree3/rtcore*.h`. All that is unsafe
-//! in this package is here and in `embree_calls/`. The library is opened when it is asked for, so that nothing but its measurements needs it.
+//! in this package is here and in `embree_calls/`. The library is opened when it is asked for, so that nothing but its
+//! measurements needs it.
 
 mod points;
 

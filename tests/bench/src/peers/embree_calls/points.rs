@@ -41,8 +41,8 @@ unsafe extern "C" fn visit<F: FnMut(u32, f32) -> f32>(arguments: *mut Arguments)
     // SAFETY: Embree gives the query and the data of `Scene::around`, which are there until that returns, and nothing
     // else refers to them meanwhile.
     let (query, nearer, prim) = unsafe {
-        let Arguments { query, user, prim, .. } = &*arguments;
-        (&mut **query, &mut *user.cast::<F>(), *prim)
+        let (query, user, prim) = ((*arguments).query, (*arguments).user, (*arguments).prim);
+        (&mut *query, &mut *user.cast::<F>(), prim)
     };
     let radius = nearer(prim, query.radius);
     let is_less = radius < query.radius;
