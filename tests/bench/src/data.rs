@@ -169,11 +169,17 @@ pub struct Benchmark {
     #[serde(default)]
     pub on_demand: bool,
     /// Radians by which a second instance is turned about the vertical through the model's middle, for `measure =
-    /// "clash"`: triangles of both are compared. By default those of different parts are.
+    /// "clash"` and `"distance"`: triangles of both are compared. By default clashes are those of different parts.
     pub turn: Option<f64>,
     /// Shares of the model's bytes that are budgets of searches out of core, for `measure = "clash"`: 8 is an eighth.
     #[serde(default)]
     pub budget_shares: Vec<u64>,
+    /// Points of each kind, for `measure = "nearest"`.
+    #[serde(default)]
+    pub points: usize,
+    /// Gaps along x between the boxes of two instances, in diagonals of the model, for `measure = "distance"`.
+    #[serde(default)]
+    pub gaps: Vec<f64>,
     /// Only with `FULL=1`: it takes long, or much memory.
     #[serde(default)]
     pub full: bool,
@@ -203,6 +209,10 @@ pub enum Measure {
     Settings,
     /// Time of finding all pairs of triangles of two instances, or of different parts, that meet.
     Clash,
+    /// CPU time of finding the points of the surface that are nearest to others, in one thread.
+    Nearest,
+    /// CPU time of finding the distance of two instances, in one thread.
+    Distance,
 }
 
 /// What is traced.
@@ -451,6 +461,12 @@ impl Benchmark {
             Measure::Clash if self.structures.len() != 1 || self.budget_shares.contains(&0) => {
                 fault("clashes take one structure, and shares of at least 1".into())
             }
+            Measure::Nearest if self.structures.len() != 1 || self.points == 0 || self.threads != [1] => {
+                fault("nearest points take one structure, one thread, and points".into())
+            }
+            Measure::Distance if self.structures.len() != 1 || self.gaps.is_empty() || self.threads != [1] => {
+                fault("distances take one structure, one thread, and gaps".into())
+            }
             Measure::Decode if self.structures.is_empty() || self.threads != [1] => {
                 fault("decoding takes structures and one thread".into())
             }
@@ -541,6 +557,8 @@ mod tests {
         assert!(Data::parse(&settings).is_ok());
         assert!(Data::parse(&settings.replace("[0]", "[0, 1]")).expect_err("two views").contains("one view"));
         assert!(wrong("name = 'b'", "name = 'b'\npeer = 'x'").contains("peer"));
+        assert!(wrong("'trace'", "'nearest'").contains("and points"));
+        assert!(wrong("'trace'", "'distance'").contains("and gaps"));
         let twice = SCENE.replace("triangles", "also_at = [[9, 0, 0]]\ntriangles");
         let many = |trace: &str| Data::parse(&format!("{STRUCTURE}{twice}{trace}"));
         assert!(many(&TRACE.replace("'all', '64M'", "'all'")).expect("all in memory").scenes[0].has_many_trees());

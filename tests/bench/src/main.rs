@@ -16,6 +16,7 @@ mod everyday;
 mod expected;
 mod failure;
 mod looks;
+mod nearest;
 mod ours;
 mod pairs;
 mod peers;
@@ -151,8 +152,8 @@ fn run(is_only_expecting: bool, clock: Clock, picks: impl Fn(&Benchmark, &str) -
     for benchmark in &data.benchmarks {
         for name in benchmark.scenes.iter().filter(|scene| picks(benchmark, scene)) {
             found += 1;
-            let is_of_a_thread = matches!(benchmark.measure, Measure::Trace | Measure::Settings | Measure::Clash);
-            if clock == Clock::Thread && !is_of_a_thread {
+            let is_of_several = matches!(benchmark.measure, Measure::Cold | Measure::Build | Measure::Decode);
+            if clock == Clock::Thread && is_of_several {
                 eprintln!("skipped: {}/{name} works in several threads", benchmark.name);
                 continue;
             }
@@ -165,12 +166,14 @@ fn run(is_only_expecting: bool, clock: Clock, picks: impl Fn(&Benchmark, &str) -
                 Measure::Decode => decode::measure(&mut task)?,
                 Measure::Settings => settings::measure(&mut task)?,
                 Measure::Clash => clash::measure(&mut task)?,
+                Measure::Nearest => nearest::measure(&mut task)?,
+                Measure::Distance => nearest::apart::measure(&mut task)?,
             };
             record::append(&record::path(), &records)?;
             all.extend(records);
         }
     }
-    print!("{}{}", settings::table(&all), clash::table(&all));
+    print!("{}{}{}", settings::table(&all), clash::table(&all), nearest::table(&all));
     if found == 0 {
         return Err(Failure::new("no such benchmark or scene"));
     }

@@ -52,6 +52,7 @@ pub enum Outcomes {
     Decode(Decoded),
     Settings(Setting),
     Clash(Clashed),
+    Nearest(Near),
 }
 
 /// Time of tracing rays, or of a picture.
@@ -249,6 +250,28 @@ pub struct Clashed {
     pub blocks: Option<[usize; 2]>,
     /// Most bytes of the context's memory at one time.
     pub bytes_most: Option<u64>,
+}
+
+/// A search for the nearest points of a batch, or for the distance of two sets.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Near {
+    /// A structure of outcrop, or a peer.
+    pub side: String,
+    pub is_peer: bool,
+    /// The peer's version and way of asking.
+    pub call: String,
+    /// Kind of points, or the gap of two sets.
+    pub asked: String,
+    /// Number of points; 1 for two sets.
+    pub count: usize,
+    /// For all of them.
+    pub seconds: Spread,
+    /// What it was paired with, and how many times as fast it is.
+    pub against: Option<Against>,
+    /// Greatest error of a distance, in diagonals of the model.
+    pub worst: f64,
+    /// Distances that are off by more than a millionth of the diagonal.
+    pub wrong: usize,
 }
 
 /// Behind a commit that is not all of what was measured.

@@ -7,7 +7,7 @@ use crate::everyday;
 use crate::failure::{Failure, Outcome};
 use crate::ours::ModelAt;
 use crate::placed::{self, Placed};
-use glam::{DAffine3, DVec3};
+use glam::{DAffine3, DVec3, Vec3};
 use outcrop::base::progress::{Cancel, Progress};
 use outcrop::build::{BuildOptions, BuildReport, Builder};
 use outcrop::import::collect::Collector;
@@ -43,6 +43,11 @@ impl Mesh {
             mesh.parts.push(part);
         }
         mesh
+    }
+
+    /// The corners of a triangle.
+    pub fn corners(&self, triangle: usize) -> [DVec3; 3] {
+        self.triangles[triangle].map(|i| Vec3::from(self.vertices[i as usize]).as_dvec3())
     }
 
     /// Bytes of vertices and indices.

@@ -32,7 +32,7 @@ impl Bodies {
     pub fn of_parts(mesh: &Mesh) -> Self {
         let mut each: BTreeMap<u32, Body> = BTreeMap::new();
         for (id, part) in (0..).zip(&mesh.parts) {
-            let corners = corners(mesh, id as usize);
+            let corners = mesh.corners(id as usize);
             // Builds leave out what has no area: a segment or a point is no surface.
             if scenes::has_area(&corners) {
                 each.entry(*part).or_default().push(id, corners);
@@ -47,7 +47,7 @@ impl Bodies {
         let body = |(place, first): (&DAffine3, usize)| {
             let mut body = Body::default();
             for i in 0..count {
-                let corners = corners(mesh, i);
+                let corners = mesh.corners(i);
                 if scenes::has_area(&corners) {
                     body.push((first + i) as u32, corners.map(|p| place.transform_point3(p)));
                 }
@@ -104,8 +104,4 @@ pub fn bounds([a, b, c]: &[DVec3; 3]) -> Bounds {
         min: Vec3::new(below(low.x), below(low.y), below(low.z)),
         max: Vec3::new(above(high.x), above(high.y), above(high.z)),
     }
-}
-
-fn corners(mesh: &Mesh, triangle: usize) -> [DVec3; 3] {
-    mesh.triangles[triangle].map(|i| Vec3::from(mesh.vertices[i as usize]).as_dvec3())
 }

@@ -1,5 +1,8 @@
 //! Embree 3.13 as C declares it: the few calls and layouts that are used, from `embree3/rtcore*.h`. All that is unsafe
-//! in this package is here. The library is opened when it is asked for, so that nothing but its measurements needs it.
+//! in this package is here and in `embree_calls/`. The library is opened when it is asked for, so that nothing but its
+//! measurements needs it.
+
+mod points;
 
 use crate::placed::{Place, Placed};
 use crate::scenes::Mesh;
@@ -166,6 +169,7 @@ calls! {
     set_user_data, b"rtcSetGeometryUserData\0", unsafe extern "C" fn(Handle, *mut c_void);
     set_bounds, b"rtcSetGeometryBoundsFunction\0", unsafe extern "C" fn(Handle, Bounder, *mut c_void);
     collide, b"rtcCollide\0", Collide;
+    point_query, b"rtcPointQuery\0", points::Call;
     intersect, b"rtcIntersect1\0", One;
     occluded, b"rtcOccluded1\0", One;
     intersect_stream, b"rtcIntersect1M\0", Stream;
