@@ -2813,7 +2813,8 @@ oc_status oc_scene_set_background(struct oc_scene *scene,
  *
  * Placed meshes, instances and looks of parts count against the budget, but for 80 KiB of each scene.
  *
- * Errors: OC_STATUS_INVALID_ARGUMENT if the scene would hold 2^31 or more placed meshes; OC_STATUS_OVER_BUDGET if the
+ * Errors: OC_STATUS_INVALID_ARGUMENT if the scene would hold 2^31 or more placed meshes or instances, or scenes in
+ * scenes at more than 64 levels; OC_STATUS_OVER_BUDGET if the
  * budget has no room for them beside the data that must stay. Later jobs then see the scene as it was before.
  *
  * Thread safety: any thread. Cheap. Takes time in proportion to the number of instances.
@@ -2892,7 +2893,7 @@ oc_status oc_scene_remove_instances(struct oc_scene *scene,
  * Adds a scene to a scene as an instance. Takes effect at oc_scene_commit.
  *
  * Each commit of `scene` takes `inner` as it was committed last. Its lights and its background are left out. Scenes
- * may be in scenes to any depth, and one scene any number of times. What is in `inner` counts as placed meshes of
+ * may be in scenes, up to 64 levels, and one scene any number of times. What is in `inner` counts as placed meshes of
  * `scene` each time, 130 bytes each. The mask and the look of the instance apply to all in it: colours that `inner`
  * sets have precedence. Its parts have looks in `inner` only.
  *

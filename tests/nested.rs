@@ -205,6 +205,61 @@ fn a_commit_takes_scenes_as_they_are() {
     bad(outer.remove_instance(4), "instance 4");
 }
 
+/// Two scenes at each of many levels, each with both of the level below: looked through once each.
+#[test]
+fn scenes_with_many_ways_are_looked_through_once() {
+    let context = built::context(0);
+    let mut below = [Scene::new(&context), Scene::new(&context)];
+    let first = below[0].clone();
+    for _ in 0..60 {
+        let level = [Scene::new(&context), Scene::new(&context)];
+        for outer in &level {
+            for (id, inner) in (0..).zip(&below) {
+                outer.add_scene(inner, id, DAffine3::IDENTITY).expect("a scene");
+            }
+        }
+        below = level;
+    }
+    assert!(matches!(first.add_scene(&below[1], 1, DAffine3::IDENTITY), Err(Error::BadArgument(_))));
+    // There is nothing in them.
+    below[1].commit().expect("a commit");
+    assert_eq!(below[1].state().instance_count(), 0);
+}
+
+/// 64 levels work; more are refused by the commit, and none are too many to drop.
+#[test]
+fn levels_are_limited() {
+    let context = built::context(0);
+    let file = built::parts(&[Part::white(5, scenes::cuboid(DVec3::splat(-0.5), DVec3::splat(0.5)))]);
+    let model = Model::open(&context, &file.path).expect("a model");
+    let mut inner = Scene::new(&context);
+    inner.add_instance(&model, 1, DAffine3::IDENTITY).expect("an instance");
+    inner.commit().expect("a commit");
+    for level in 2..=65 {
+        let outer = Scene::new(&context);
+        outer.add_scene(&inner, level, DAffine3::from_translation(DVec3::X)).expect("a scene");
+        match outer.commit() {
+            Ok(()) => assert!(level <= 64),
+            Err(Error::BadArgument(why)) => assert!(level > 64 && why.contains("64 levels"), "{level}: {why}"),
+            other => panic!("{other:?}"),
+        }
+        if level == 64 {
+            let state = outer.state();
+            let hit = closest(&state, &[Ray::new(DVec3::new(63.0, 0.0, 9.0), -glam::Vec3::Z)], false)[0];
+            assert!((hit.t - 8.5).abs() < 1e-6 && hit.instance == 64, "{hit:?}");
+            let (ids, place) = state.path(hit.occurrence).expect("a way");
+            assert_eq!((ids.len(), ids[62], ids[63], place.translation.x), (64, 2, 1, 63.0));
+        }
+        inner = outer;
+    }
+    for _ in 0..3_000 {
+        let outer = Scene::new(&context);
+        outer.add_scene(&inner, 1, DAffine3::IDENTITY).expect("a scene");
+        inner = outer;
+    }
+    drop(inner);
+}
+
 /// More placed trees than numbers are refused.
 #[test]
 fn too_many_occurrences_are_refused() {

@@ -14,6 +14,9 @@ use crate::math::DBounds;
 use crate::residency::{UNCOUNTED, counted};
 use std::sync::Arc;
 
+/// Greatest number of levels of scenes in scenes: functions that follow them call themselves.
+const MOST_LEVELS: u32 = 64;
+
 /// Bytes of the entries of a scene in the maps of the draft, which may be half empty.
 const INDEX: usize = 64;
 
@@ -22,6 +25,10 @@ impl Scene {
         draft.close_gaps();
         // Scenes in this one, as they are now.
         let scenes: Vec<Arc<SceneState>> = draft.scenes.values().map(|it| it.scene.state()).collect();
+        let levels = 1 + scenes.iter().map(|it| it.levels).max().unwrap_or(0);
+        if levels > MOST_LEVELS {
+            return Err(Error::bad_argument(format!("scenes are in each other at more than {MOST_LEVELS} levels")));
+        }
         let placed = &self.state().placement;
         let are_same = scenes.len() == placed.scenes.len()
             && scenes.iter().zip(&placed.scenes).all(|(it, placed)| Arc::ptr_eq(it, &placed.scene));
@@ -91,6 +98,7 @@ impl Scene {
         let hides_parts = states.all().any(|it| !it.parts.trees.is_empty());
         Ok(SceneState {
             see_through,
+            levels,
             hides_parts,
             context: self.context().clone(),
             models,

@@ -12,7 +12,7 @@ use crate::base::error::{Error, Result};
 use crate::residency::Kept;
 use arc_swap::{ArcSwap, Guard};
 use glam::DAffine3;
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, HashMap, HashSet};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// A scene that collects edits until [`Scene::commit`]. Jobs in flight keep the state that they began with.
@@ -29,6 +29,22 @@ struct Inner {
     committed: ArcSwap<SceneState>,
 }
 
+impl Drop for Inner {
+    /// Scenes may be in scenes deeper than the stack is: a loop drops them one after the other.
+    fn drop(&mut self) {
+        let scenes_of = |inner: &mut Self| {
+            let draft = inner.draft.get_mut().unwrap_or_else(PoisonError::into_inner);
+            std::mem::take(&mut draft.scenes)
+        };
+        let mut todo: Vec<Scene> = scenes_of(self).into_values().map(|it| it.scene).collect();
+        while let Some(scene) = todo.pop() {
+            if let Some(mut inner) = Arc::into_inner(scene.0) {
+                todo.extend(scenes_of(&mut inner).into_values().map(|it| it.scene));
+            }
+        }
+    }
+}
+
 impl Scene {
     /// An empty scene with a headlight.
     pub fn new(context: &Context) -> Self {
@@ -36,6 +52,7 @@ impl Scene {
         let background = Background::default();
         let committed = ArcSwap::from_pointee(SceneState {
             see_through: false,
+            levels: 1,
             hides_parts: false,
             context: context.clone(),
             models: Vec::new(),
@@ -111,8 +128,8 @@ impl Scene {
     }
 
     /// Adds a scene to this one, transformed by `world_from_scene`, as instance `id`. Each commit of this scene takes
-    /// the other as it was committed last; its lights and background are left out. Scenes may be in scenes to any
-    /// depth, and a scene any number of times. Its instances count as placed trees of this scene each time. Cheap.
+    /// the other as it was committed last; its lights and background are left out. Scenes may be in scenes, up to
+    /// 64 levels, and a scene any number of times. Its instances count as placed trees of this scene each time. Cheap.
     ///
     /// Fails with `BadArgument` if the id is taken, the scene belongs to another context, is this scene or has it in
     /// it, or the transform is singular or not finite.
@@ -136,22 +153,19 @@ impl Scene {
         Ok(())
     }
 
-    /// True if it is `other`, or if that is in it in its next commit.
+    /// True if it is `other`, or if that is in it in its next commit. Each scene is looked at once, however often it is
+    /// in others.
     fn has(&self, other: &Scene) -> bool {
-        if Arc::ptr_eq(&self.0, &other.0) {
-            return true;
-        }
-        let inner: Vec<Scene> = {
-            let draft = self.draft();
-            let mut seen = Vec::new();
-            for it in draft.scenes.values() {
-                if !seen.iter().any(|scene: &Scene| Arc::ptr_eq(&scene.0, &it.scene.0)) {
-                    seen.push(it.scene.clone());
-                }
+        let (mut todo, mut seen) = (vec![self.clone()], HashSet::new());
+        while let Some(scene) = todo.pop() {
+            if Arc::ptr_eq(&scene.0, &other.0) {
+                return true;
             }
-            seen
-        };
-        inner.iter().any(|scene| scene.has(other))
+            if seen.insert(Arc::as_ptr(&scene.0)) {
+                todo.extend(scene.draft().scenes.values().map(|it| it.scene.clone()));
+            }
+        }
+        false
     }
 
     /// Removes all instances that were added together, the first with the id `first_id`. Fails with `BadArgument` if

@@ -113,6 +113,8 @@ pub struct SceneState {
     pub(super) singles: Vec<Instance>,
     pub(super) states: Arc<States>,
     pub(crate) placement: Arc<Placement>,
+    /// Number of levels of scenes in scenes, this one included.
+    pub(super) levels: u32,
     /// True if anything may be transparent. Otherwise any surface that a shadow ray hits blocks it.
     pub(crate) see_through: bool,
     /// True if parts are hidden.

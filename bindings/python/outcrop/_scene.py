@@ -96,7 +96,7 @@ class Scene(Queries, Clashes, Distances):
     def add_scene(self, id: int, inner: Scene, transform: ArrayLike | None = None) -> None:
         """Adds a scene as an instance. Each commit takes it as it was committed last. See `add`.
 
-        Scenes may be in scenes to any depth, and one scene any number of times.
+        Scenes may be in scenes, up to 64 levels, and one scene any number of times.
         """
         lib.oc_scene_add_scene(self._h, inner._h, whole("id", id), matrix("transform", transform))
 
