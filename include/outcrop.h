@@ -932,6 +932,12 @@ typedef struct oc_hit {
      * stand-ins, it is `normal`. Miss: 0.
      */
     float shading_normal[3];
+    /**
+     * Number of the place at which the mesh was hit, with OC_WANT_INSTANCE: it tells the places of one mesh in an
+     * instance apart, and the instances of scenes in scenes (oc_scene_get_path). It holds for the commit. Miss:
+     * OC_NO_ID.
+     */
+    uint64_t occurrence;
 } oc_hit;
 
 /** A ray in single precision, in world space. */
@@ -2807,7 +2813,8 @@ oc_status oc_scene_set_background(struct oc_scene *scene,
  *
  * Placed meshes, instances and looks of parts count against the budget, but for 80 KiB of each scene.
  *
- * Errors: OC_STATUS_INVALID_ARGUMENT if the scene would hold 2^31 or more placed meshes; OC_STATUS_OVER_BUDGET if the
+ * Errors: OC_STATUS_INVALID_ARGUMENT if the scene would hold 2^31 or more placed meshes or instances, or scenes in
+ * scenes at more than 64 levels; OC_STATUS_OVER_BUDGET if the
  * budget has no room for them beside the data that must stay. Later jobs then see the scene as it was before.
  *
  * Thread safety: any thread. Cheap. Takes time in proportion to the number of instances.
@@ -2847,6 +2854,29 @@ oc_status oc_scene_add_instances(struct oc_scene *scene,
                                  const struct oc_instances *instances);
 
 /**
+ * Moves instances of an array. Takes effect at oc_scene_commit.
+ *
+ * - `first_id`: id of the first; each further one has the next higher id. All are of one array.
+ * - `form`: that of the array's transforms.
+ * - `transforms`: the new transforms, as in oc_instances.
+ * - `count`: number of transforms.
+ * - `stride`: bytes from one transform to the next. 0: tightly packed.
+ *
+ * Errors: OC_STATUS_INVALID_ARGUMENT if an argument is not as documented: the message names the first transform that
+ * is wrong; OC_STATUS_OVER_BUDGET if the budget has no room for a copy of the array, which jobs in flight and the last
+ * commit need. Nothing has then moved.
+ *
+ * Thread safety: any thread. Takes time in proportion to the number of instances of the array.
+ */
+OC_API
+oc_status oc_scene_set_transforms(struct oc_scene *scene,
+                                  uint64_t first_id,
+                                  oc_transform_form form,
+                                  const void *transforms,
+                                  uint64_t count,
+                                  uint64_t stride);
+
+/**
  * Removes all instances that one call of oc_scene_add_instances added. Takes effect at oc_scene_commit.
  *
  * - `first_id`: id of the first of them.
@@ -2858,6 +2888,52 @@ oc_status oc_scene_add_instances(struct oc_scene *scene,
 OC_API
 oc_status oc_scene_remove_instances(struct oc_scene *scene,
                                     uint64_t first_id);
+
+/**
+ * Adds a scene to a scene as an instance. Takes effect at oc_scene_commit.
+ *
+ * Each commit of `scene` takes `inner` as it was committed last. Its lights and its background are left out. Scenes
+ * may be in scenes, up to 64 levels, and one scene any number of times. What is in `inner` counts as placed meshes of
+ * `scene` each time, 130 bytes each. The mask and the look of the instance apply to all in it: colours that `inner`
+ * sets have precedence. Its parts have looks in `inner` only.
+ *
+ * - `inner`: another scene of the same context.
+ * - `id`: the caller's own id. Must be unique in the scene and not OC_NO_ID. Hits return it as their instance.
+ * - `world_from_inner`: transform of 12 doubles, finite and invertible. NULL: the identity.
+ *
+ * Errors: OC_STATUS_INVALID_ARGUMENT if an argument is not as documented, or `inner` is or holds `scene`.
+ *
+ * Ownership: `scene` keeps `inner` alive.
+ * Thread safety: any thread. Cheap.
+ */
+OC_API
+oc_status oc_scene_add_scene(struct oc_scene *scene,
+                             const struct oc_scene *inner,
+                             uint64_t id,
+                             const double *world_from_inner);
+
+/**
+ * Returns the way to what a hit met: the ids of the instances from the outermost to the innermost. An instance that is
+ * in no other scene has one.
+ *
+ * - `occurrence`: `oc_hit.occurrence` of a hit since the last commit.
+ * - `out_ids`: receives the ids. NULL if `capacity` is 0.
+ * - `capacity`: number of ids that `out_ids` has room for.
+ * - `out_count`: receives the number of ids, also with OC_STATUS_BUFFER_TOO_SMALL.
+ * - `out_world_from_model`: receives 12 doubles, the transform of the innermost instance to the world. NULL: ignored.
+ *
+ * Errors: OC_STATUS_INVALID_ARGUMENT if the scene has no such occurrence; OC_STATUS_BUFFER_TOO_SMALL if
+ * `capacity` is not 0 and below the number of ids.
+ *
+ * Thread safety: any thread. Cheap.
+ */
+OC_API
+oc_status oc_scene_get_path(const struct oc_scene *scene,
+                            uint64_t occurrence,
+                            uint64_t *out_ids,
+                            uint64_t capacity,
+                            uint64_t *out_count,
+                            double *out_world_from_model);
 
 /**
  * Sets the look of an instance. Takes effect at oc_scene_commit.

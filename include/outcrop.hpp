@@ -414,7 +414,23 @@ class scene : public scene_handle {
         all.transforms = transforms.data(), all.count = transforms.size(), all.first_id = first_id;
         add_instances(all);
     }
+    /// Moves instances of an array with consecutive ids.
+    template <class Transform>
+    void set_transforms(std::uint64_t first_id, const std::vector<Transform> &transforms) {
+        check(oc_scene_set_transforms(get(), first_id, form_of(transforms.data()), transforms.data(), transforms.size(), 0));
+    }
     void add_instances(const oc_instances &all) { check(oc_scene_add_instances(get(), &all)); }
+    void add_scene(const scene &inner, std::uint64_t id, const double *world_from_inner = nullptr) {
+        check(oc_scene_add_scene(get(), inner.get(), id, world_from_inner));
+    }
+    /// The ids of the instances on the way to what a hit met, the outermost first.
+    std::vector<std::uint64_t> path(const oc_hit &hit, double *world_from_model = nullptr) const {
+        std::uint64_t count = 0;
+        check(oc_scene_get_path(get(), hit.occurrence, nullptr, 0, &count, world_from_model));
+        std::vector<std::uint64_t> ids(static_cast<std::size_t>(count));
+        check(oc_scene_get_path(get(), hit.occurrence, ids.data(), count, &count, nullptr));
+        return ids;
+    }
     void remove_instances(std::uint64_t first_id) { check(oc_scene_remove_instances(get(), first_id)); }
     void remove_instance(std::uint64_t id) { check(oc_scene_remove_instance(get(), id)); }
     void set_transform(std::uint64_t id, const double *world_from_model) {

@@ -17,6 +17,7 @@ const SOURCES: &[&str] = &[
     "model.rs",
     "scene.rs",
     "instances.rs",
+    "nested.rs",
     "looks.rs",
     "query.rs",
     "query_f32.rs",

@@ -88,7 +88,7 @@ fn layouts() -> Vec<Layout> {
         oc_background { struct_size, reserved, bottom, top }
         oc_ray { origin, t_min, t_max, direction, cone_a, cone_b, mask }
         oc_query { struct_size, want, flags, reserved, rays, count, stride }
-        oc_hit { t, position, t_free, part, instance, prim, normal, uv, error, kind, shading_normal }
+        oc_hit { t, position, t_free, part, instance, prim, normal, uv, error, kind, shading_normal, occurrence }
         oc_ray_f32 { origin, t_min, direction, t_max }
         oc_rays_soa { origin, direction, t_min, t_max }
         oc_hit_f32 { t, normal, uv, part, instance, prim, kind }

@@ -186,6 +186,12 @@ fn members_of_an_array_are_instances() {
                     assert!(matches!(scenes[1].set_transform(FIRST, to), Err(Error::BadArgument(_))));
                     continue;
                 }
+                // The latter half takes the places of the first.
+                let (half, moved) = (count / 2, transforms(form, count / 2));
+                scenes[1].set_transforms(FIRST + half as u64, &moved.0).expect("transforms");
+                for (i, map) in moved.1.iter().enumerate() {
+                    scenes[0].set_transform(FIRST + (half + i) as u64, *map).expect("a transform");
+                }
                 for scene in &scenes {
                     let to = DAffine3::from_scale_rotation_translation(
                         DVec3::new(2.0, 1.0, 0.5),
@@ -253,6 +259,19 @@ fn wrong_arrays_are_refused() {
         }
     }
     assert!(matches!(scene.add_instance(&model, 9, DAffine3::IDENTITY), Err(Error::BadArgument(_))));
+    let two = Transforms::Affine(vec![DAffine3::from_translation(DVec3::X); 2].into());
+    let three = Transforms::Affine(vec![DAffine3::IDENTITY, DAffine3::IDENTITY, DAffine3::ZERO].into());
+    for (first, transforms, why) in [
+        (5, &two, "instance 5 is of no array"),
+        (9, &two, "2 transforms, but 1 instances from 9 on"),
+        (6, &three, "transform 2: "),
+        (6, &Transforms::Places([place].into()), "another form"),
+    ] {
+        match scene.set_transforms(first, transforms) {
+            Err(Error::BadArgument(said)) => assert!(said.contains(why), "{said}"),
+            other => panic!("{why}: {other:?}"),
+        }
+    }
     assert!(matches!(scene.remove_instance(7), Err(Error::BadArgument(_))));
     assert!(matches!(scene.set_model(7, &model), Err(Error::BadArgument(_))));
     scene.commit().expect("a commit");

@@ -441,3 +441,27 @@ fn assemblies_equal_brute_force() {
         assert_eq!(found.len(), expected.len(), "{name}");
     }
 }
+
+/// The pairs of places and of triangles that a search compares, with any number of threads: of two bumpy balls, of
+/// parts of one mesh among each other, and of a ball and its copy beside it. A change of the builder or of the walks
+/// changes them: look whether it is for the better, and write the new ones down.
+#[test]
+fn what_a_search_compares_is_pinned() {
+    let ball = || vec![Part::white(1, scenes::bumpy_sphere(48, 96, 3))];
+    let turned = DAffine3::from_rotation_translation(DQuat::from_rotation_y(0.4), DVec3::new(0.3, 0.2, -0.1));
+    let soups = || (1..=6).map(|id| Part::white(id, soup(&mut Rng::new(50 + id), 300, 0.08, 0.6))).collect();
+    for threads in [0, 2] {
+        let of = |parts: Vec<Part>, places: Vec<DAffine3>| {
+            let (_, summary) = world(vec![(parts, places)], threads).clash(&ClashOptions::default());
+            (summary.steps.places, summary.steps.triangles)
+        };
+        let found = [
+            of(ball(), vec![DAffine3::IDENTITY, turned]),
+            of(soups(), vec![DAffine3::IDENTITY]),
+            of(ball(), vec![DAffine3::IDENTITY, DAffine3::from_translation(DVec3::X * 1.95)]),
+        ];
+        assert_eq!(found, PINNED, "{threads} threads");
+    }
+}
+
+const PINNED: [(u64, u64); 3] = [(3715, 11183), (3407, 3212), (179, 556)];

@@ -1,6 +1,9 @@
 //! Disks that fail, files that are damaged or replaced, sources that stall or dawdle: what can be read is shown as it
 //! is, a stand-in for what cannot, and the error names it. Nobody waits for ever, and nothing wrong is shown.
 
+#[path = "faults/searches.rs"]
+mod searches;
+
 use crate::common::built::{self, Built, Part};
 use crate::common::rng::Rng;
 use crate::common::scenes;

@@ -15,6 +15,7 @@ mod instances;
 mod intervals;
 mod many_trees;
 mod memory;
+mod nested;
 mod oracle;
 mod paths;
 mod precision;

@@ -67,14 +67,22 @@ unsafe impl Sized32 for oc_instances {
     const NAME: &'static str = "oc_instances";
 }
 
+/// Transforms in the caller's memory.
+struct Given {
+    form: oc_transform_form,
+    transforms: *const std::ffi::c_void,
+    count: u64,
+    stride: u64,
+}
+
 /// Copies the transforms.
 ///
 /// # Safety
-/// The array is as the struct's documentation says.
-unsafe fn transforms(given: &oc_instances) -> Checked<Transforms> {
+/// `given` describes an array of the form that it names, which is readable.
+unsafe fn copied(given: &Given) -> Checked<Transforms> {
     // SAFETY: the caller's contract, for each form.
-    unsafe fn all<T: Copy, U>(given: &oc_instances, of: impl Fn(T) -> U) -> Checked<Arc<[U]>> {
-        let from = Strided::new(given.transforms.cast::<T>(), given.count, given.stride, "oc_instances.transforms")?;
+    unsafe fn all<T: Copy, U>(given: &Given, of: impl Fn(T) -> U) -> Checked<Arc<[U]>> {
+        let from = Strided::new(given.transforms.cast::<T>(), given.count, given.stride, "transforms")?;
         // SAFETY: the caller's contract; each index is below the count.
         Ok((0..from.count).map(|i| of(unsafe { from.get(i) })).collect())
     }
@@ -93,7 +101,7 @@ unsafe fn transforms(given: &oc_instances) -> Checked<Transforms> {
                 };
                 Ok(Transforms::Places(all(given, place)?))
             }
-            other => bad(format!("oc_instances.form {other} is unknown")),
+            other => bad(format!("the form {other} of transforms is unknown")),
         }
     }
 }
@@ -137,9 +145,44 @@ pub unsafe extern "C" fn oc_scene_add_instances(scene: *mut oc_scene, instances:
             (0..all.count).map(|i| all.get(i)).collect()
         };
         let mask = if given.mask == 0 { u32::MAX } else { given.mask };
-        let transforms = transforms(&given)?;
+        let oc_instances { form, transforms, count, stride, .. } = given;
+        let transforms = copied(&Given { form, transforms, count, stride })?;
         let instances = Instances { prototypes, prototype_of, transforms, first_id: given.first_id, mask };
         handles::with(scene, |scene: &Shell<SceneObject>| Ok(scene.scene.add_instances(&instances)?))
+    })
+}
+
+/// Moves instances of an array. Takes effect at oc_scene_commit.
+///
+/// - `first_id`: id of the first; each further one has the next higher id. All are of one array.
+/// - `form`: that of the array's transforms.
+/// - `transforms`: the new transforms, as in oc_instances.
+/// - `count`: number of transforms.
+/// - `stride`: bytes from one transform to the next. 0: tightly packed.
+///
+/// Errors: OC_STATUS_INVALID_ARGUMENT if an argument is not as documented: the message names the first transform that
+/// is wrong; OC_STATUS_OVER_BUDGET if the budget has no room for a copy of the array, which jobs in flight and the last
+/// commit need. Nothing has then moved.
+///
+/// Thread safety: any thread. Takes time in proportion to the number of instances of the array.
+/// # Safety
+/// `scene` is a live handle; the array is as documented.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn oc_scene_set_transforms(
+    scene: *mut oc_scene,
+    first_id: u64,
+    form: oc_transform_form,
+    transforms: *const std::ffi::c_void,
+    count: u64,
+    stride: u64,
+) -> oc_status {
+    // SAFETY: the function's own contract.
+    boundary(|| unsafe {
+        if count >= 1 << 31 {
+            return bad(format!("{count} transforms are too many"));
+        }
+        let all = copied(&Given { form, transforms, count, stride })?;
+        handles::with(scene, |scene: &Shell<SceneObject>| Ok(scene.scene.set_transforms(first_id, &all)?))
     })
 }
 

@@ -27,6 +27,7 @@ pub mod job;
 pub mod looks;
 pub mod model;
 pub mod nearest;
+pub mod nested;
 pub mod overlap;
 pub mod pixels;
 pub mod prefetch;

@@ -120,6 +120,10 @@ pub struct oc_hit {
     /// corners of the triangle, so that coarse facets appear smooth. Where a model has no such normals, and for
     /// stand-ins, it is `normal`. Miss: 0.
     pub shading_normal: [f32; 3],
+    /// Number of the place at which the mesh was hit, with OC_WANT_INSTANCE: it tells the places of one mesh in an
+    /// instance apart, and the instances of scenes in scenes (oc_scene_get_path). It holds for the commit. Miss:
+    /// OC_NO_ID.
+    pub occurrence: u64,
 }
 
 /// Flags: members of oc_hit to compute, combined with `|`. Fewer members take less time.
@@ -253,7 +257,8 @@ macro_rules! same_places {
 pub(super) use same_places;
 same_places!(oc_ray, Ray: origin is origin, t_min is t_min, t_max is t_max, direction is dir, cone_a is cone, mask is mask);
 same_places!(oc_hit, Hit: t is t, position is position, t_free is t_free, part is part, instance is instance,
-    prim is prim, normal is normal, uv is uv, error is error, kind is kind, shading_normal is shading_normal);
+    prim is prim, normal is normal, uv is uv, error is error, kind is kind, shading_normal is shading_normal,
+    occurrence is occurrence);
 
 /// The caller's array of hits.
 struct CHits(Strided<oc_hit>);

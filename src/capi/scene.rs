@@ -263,7 +263,8 @@ pub unsafe extern "C" fn oc_scene_set_background(scene: *mut oc_scene, backgroun
 ///
 /// Placed meshes, instances and looks of parts count against the budget, but for 80 KiB of each scene.
 ///
-/// Errors: OC_STATUS_INVALID_ARGUMENT if the scene would hold 2^31 or more placed meshes; OC_STATUS_OVER_BUDGET if the
+/// Errors: OC_STATUS_INVALID_ARGUMENT if the scene would hold 2^31 or more placed meshes or instances, or scenes in
+/// scenes at more than 64 levels; OC_STATUS_OVER_BUDGET if the
 /// budget has no room for them beside the data that must stay. Later jobs then see the scene as it was before.
 ///
 /// Thread safety: any thread. Cheap. Takes time in proportion to the number of instances.

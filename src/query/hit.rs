@@ -52,6 +52,9 @@ pub struct Hit {
     /// Unit normal in world space that the surface is shaded with, on the side of `normal`: interpolated between the
     /// corners of the triangle. That of the triangle itself where the model has no others, and that of a stand-in.
     pub shading_normal: Vec3,
+    /// The number of the placed tree that was hit, with [`Want::INSTANCE`]: it tells the places of one mesh apart. See
+    /// [`SceneState::path`](crate::scene::SceneState::path).
+    pub occurrence: u64,
 }
 
 impl Hit {
@@ -68,6 +71,7 @@ impl Hit {
         error: 0.0,
         t_free: f64::INFINITY,
         shading_normal: Vec3::ZERO,
+        occurrence: NONE,
     };
 }
 

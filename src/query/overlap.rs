@@ -11,7 +11,7 @@ use crate::scene::placed::Placed;
 use crate::scene::walk::SceneView;
 use crate::structure::{Descent, Triangle};
 use glam::{DVec2, DVec3};
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 /// A half space: the points p with `normal · p + d >= 0`. `normal` need not be unit.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -95,12 +95,25 @@ impl SceneState {
             }
         }
         self.refute_inside(volume, &mut met)?;
+        // A scene in this one may have a part in several places: the first stands for all.
+        let mut first: HashMap<(usize, Option<usize>, u32), (u32, u32)> = HashMap::new();
+        let mut named: BTreeMap<(u32, u32), bool> = BTreeMap::new();
+        for (&(instance, part), &inside) in &met {
+            let key = match self.scene_of(instance) {
+                None => (instance, part),
+                Some(scene) => {
+                    let model = self.models.iter().position(|it| it.same(self.model_of_instance(instance)));
+                    *first.entry((scene, model, part)).or_insert((instance, part))
+                }
+            };
+            *named.entry(key).or_insert(true) &= inside;
+        }
         let answer = |(&(instance, part), &inside): (&(u32, u32), &bool)| {
-            let parts = self.model_of_instance(instance).parts();
             let how = if inside { How::Inside } else { How::Intersects };
-            Some(PartOverlap { instance: self.instance_id(instance), part: parts.id(part as usize)?, how })
+            let part = self.model_of_instance(instance).parts().id(part as usize)?;
+            Some(PartOverlap { instance: self.instance_id(instance), part, how })
         };
-        Ok(met.iter().filter_map(answer).collect())
+        Ok(named.iter().filter_map(answer).collect())
     }
 
     /// Corrects parts that were found inside. The first sweep skips boxes that are wholly outside, so a part with all

@@ -471,6 +471,10 @@ impl Request {
 /// True if the camera sees a tree from so far away that directions in single precision are too coarse for its pixels.
 fn is_fine(scene: &SceneState, rays: &PixelRays) -> bool {
     let eye = rays.eye();
+    let bounds = scene.bounds();
+    if bounds.is_empty() || !rays.needs_rest((bounds.max - eye).abs().max((bounds.min - eye).abs()).length()) {
+        return false;
+    }
     let is_too_far = |p: &Placed| p.is_far(eye) && rays.needs_rest((p.bounds.center() - eye).length());
     scene.all_placed().any(|p| is_too_far(&p))
 }

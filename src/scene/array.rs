@@ -3,6 +3,7 @@
 use super::model::Model;
 use super::placed::{check_transform, check_turn};
 use crate::base::error::{Error, Result};
+use crate::residency::{Kept, Residency};
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 use std::sync::Arc;
 
@@ -64,6 +65,15 @@ impl Transforms {
         (self.len() * each) as u64
     }
 
+    /// A copy in memory of its own.
+    fn copied(&self) -> Self {
+        match self {
+            Self::Affine(all) => Self::Affine(all.iter().copied().collect()),
+            Self::Affine32(all) => Self::Affine32(all.iter().copied().collect()),
+            Self::Places(all) => Self::Places(all.iter().copied().collect()),
+        }
+    }
+
     /// Transform `i`.
     #[inline]
     fn get(&self, i: usize) -> DAffine3 {
@@ -97,17 +107,20 @@ pub struct Instances {
     pub mask: u32,
 }
 
+/// The memory of arrays, for messages.
+const WHAT: &str = "an array of instances";
+
 /// The content of an array in a scene.
-#[derive(Clone)]
 pub(super) struct Array {
     prototype_of: Arc<[u32]>,
     transforms: Transforms,
     pub first_id: u64,
+    _memory: Kept,
 }
 
 impl Array {
-    /// Checks the instances. Fails with `BadArgument`, which names the first that is wrong.
-    pub fn new(instances: &Instances) -> Result<Self> {
+    /// Checks the instances. Fails with `BadArgument`, which names the first that is wrong, and with `OverBudget`.
+    pub fn new(instances: &Instances, residency: &Residency) -> Result<Self> {
         let Instances { prototypes, prototype_of, transforms, first_id, .. } = instances;
         let bad = |why: String| Err(Error::bad_argument(format!("instances: {why}")));
         let count = transforms.len();
@@ -132,7 +145,9 @@ impl Array {
             }
         }
         let (prototype_of, transforms) = (Arc::clone(prototype_of), transforms.clone());
-        Ok(Self { prototype_of, transforms, first_id: *first_id })
+        let mut array = Self { prototype_of, transforms, first_id: *first_id, _memory: Kept::default() };
+        array._memory = residency.keep(WHAT, array.bytes())?;
+        Ok(array)
     }
 
     /// Number of its members.
@@ -163,21 +178,42 @@ impl Array {
         (0..self.len()).map(|member| self.prototype_of(member) as usize)
     }
 
-    /// Replaces the transform of a member. Fails with `BadArgument` if the array's form cannot hold it.
-    pub fn set(&mut self, member: u32, to: DAffine3) -> Result<()> {
-        let at = member as usize;
-        match &mut self.transforms {
-            Transforms::Affine(all) => Arc::make_mut(all)[at] = to,
-            Transforms::Affine32(all) => {
-                let single = to.to_cols_array().map(|x| x as f32);
-                check_transform(&DAffine3::from_cols_array(&single.map(f64::from)))?;
-                Arc::make_mut(all)[at] = single;
-            }
-            Transforms::Places(_) => {
-                return Err(Error::bad_argument("the array has places, and takes no affine maps"));
+    /// Replaces the transforms of members from `first` on. Where others hold the array, replaces it by a copy, which
+    /// counts against the budget too. Fails with `BadArgument` for transforms of another form, or for the first that is
+    /// wrong, and with `OverBudget`.
+    pub fn replace(this: &mut Arc<Self>, first: u32, by: &Transforms, residency: &Residency) -> Result<()> {
+        for i in 0..by.len() {
+            match by.check(i) {
+                Err(Error::BadArgument(why)) => return Err(Error::BadArgument(format!("transform {i}: {why}"))),
+                other => other?,
             }
         }
+        if std::mem::discriminant(&this.transforms) != std::mem::discriminant(by) {
+            return Err(Error::bad_argument("the instances of the array have transforms of another form"));
+        }
+        if Arc::get_mut(this).is_none() {
+            let memory = residency.keep(WHAT, this.bytes())?;
+            let (prototype_of, transforms) = (Arc::clone(&this.prototype_of), this.transforms.copied());
+            *this = Arc::new(Self { prototype_of, transforms, first_id: this.first_id, _memory: memory });
+        }
+        let Some(own) = Arc::get_mut(this) else { return Ok(()) };
+        let range = first as usize..first as usize + by.len();
+        match (&mut own.transforms, by) {
+            (Transforms::Affine(all), Transforms::Affine(by)) => Arc::make_mut(all)[range].copy_from_slice(by),
+            (Transforms::Affine32(all), Transforms::Affine32(by)) => Arc::make_mut(all)[range].copy_from_slice(by),
+            (Transforms::Places(all), Transforms::Places(by)) => Arc::make_mut(all)[range].copy_from_slice(by),
+            _ => {}
+        }
         Ok(())
+    }
+
+    /// The transforms that stand for an affine map in the form of the array. Fails with `BadArgument` if it has places.
+    pub fn in_form(&self, map: &DAffine3) -> Result<Transforms> {
+        match self.transforms {
+            Transforms::Affine(_) => Ok(Transforms::Affine([*map].into())),
+            Transforms::Affine32(_) => Ok(Transforms::Affine32([map.to_cols_array().map(|x| x as f32)].into())),
+            Transforms::Places(_) => Err(Error::bad_argument("the array has places, and takes no affine maps")),
+        }
     }
 
     /// Bytes of memory.

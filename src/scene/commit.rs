@@ -1,11 +1,12 @@
 //! The commit of a scene: the placement of all trees, and the states of all instances.
 
-use super::edit::{Draft, DraftArray, DraftState, Scene};
+use super::draft::{Draft, DraftArray, DraftScene, DraftState};
+use super::edit::Scene;
 use super::looks::PartsShown;
 use super::model::Model;
 use super::placed::{Measures, Placed};
-use super::placement::{PlacedArray, PlacedIds, Placement, Prototype};
-use super::state::{ArrayStates, Instance, SceneState};
+use super::placement::{PlacedArray, PlacedIds, PlacedScene, Placement, Prototype};
+use super::state::{ArrayStates, Instance, InstanceState, SceneState, States};
 use super::top::TopTree;
 use crate::base::error::{Error, Result};
 use crate::base::memory::room;
@@ -13,11 +14,31 @@ use crate::math::DBounds;
 use crate::residency::{UNCOUNTED, counted};
 use std::sync::Arc;
 
+/// Greatest number of levels of scenes in scenes: functions that follow them call themselves.
+const MOST_LEVELS: u32 = 64;
+
+/// Bytes of the entries of a scene in the maps of the draft, which may be half empty.
+const INDEX: usize = 64;
+
 impl Scene {
     pub(super) fn next_state(&self, draft: &mut Draft) -> Result<SceneState> {
         draft.close_gaps();
-        let bytes = (draft.instances.len() * size_of::<Instance>()) as u64;
-        let placing = if draft.moved { Placing::of(draft)? } else { Placing::default() };
+        // Scenes in this one, as they are now.
+        let scenes: Vec<Arc<SceneState>> = draft.scenes.values().map(|it| it.scene.state()).collect();
+        let levels = 1 + scenes.iter().map(|it| it.levels).max().unwrap_or(0);
+        if levels > MOST_LEVELS {
+            return Err(Error::bad_argument(format!("scenes are in each other at more than {MOST_LEVELS} levels")));
+        }
+        let placed = &self.state().placement;
+        let are_same = scenes.len() == placed.scenes.len()
+            && scenes.iter().zip(&placed.scenes).all(|(it, placed)| Arc::ptr_eq(it, &placed.scene));
+        draft.moved |= !are_same;
+        let of_singles = draft.instances.len() * (size_of::<Instance>() + size_of::<InstanceState>());
+        let of_scenes = draft.scenes.len() * (size_of::<DraftScene>() + size_of::<PlacedScene>() + INDEX);
+        let under = draft.scenes.values().zip(&scenes).filter(|(it, _)| !it.state.is_plain());
+        let of_states: u64 = under.map(|(_, scene)| scene.states.bytes()).sum();
+        let bytes = (of_singles + of_scenes) as u64 + of_states;
+        let placing = if draft.moved { Placing::of(draft, &scenes)? } else { Placing::default() };
         let of_looks = |model: &Model, it: &DraftState| {
             if it.has_new_looks() { PartsShown::bytes(model, &it.parts) } else { it.shown.took }
         };
@@ -46,34 +67,43 @@ impl Scene {
         };
         let memory = self.context().residency().keep("the instances of a scene", bytes)?;
         let mut singles = room(draft.instances.len(), "the instances of a scene")?;
+        let mut states =
+            States { singles: room(draft.instances.len(), "the instances of a scene")?, ..States::default() };
         for it in draft.draftees() {
-            let (model, state) = (index_of(&it.model), it.state.committed());
-            singles.push(Instance { id: it.id, model, world_from_model: it.world_from_model, state });
+            singles.push(Instance { id: it.id, model: index_of(&it.model), world_from_model: it.world_from_model });
+            states.singles.push(it.state.committed());
         }
         let of_array = |it: &DraftArray| it.models.iter().map(&mut index_of).collect::<Vec<u32>>();
         let models_of: Vec<Vec<u32>> = draft.arrays.iter().map(of_array).collect();
-        let states = |it: &DraftArray| {
+        let of_members = |it: &DraftArray| {
             let own = it.own.iter().map(|(&member, state)| (member, state.committed())).collect();
             ArrayStates { common: it.common.committed(), own }
         };
-        let arrays: Vec<ArrayStates> = draft.arrays.iter().map(states).collect();
+        states.arrays = draft.arrays.iter().map(of_members).collect();
+        let of_scene = |it: &PlacedScene, state: &DraftState| {
+            let inner = &it.scene.states;
+            if state.is_plain() { Arc::clone(inner) } else { Arc::new(inner.under(&state.committed())) }
+        };
+        let models_in: Vec<Vec<u32>> = scenes.iter().map(|it| it.models.iter().map(&mut index_of).collect()).collect();
         let placement = if draft.moved {
-            Arc::new(placing.place(self, draft, &singles, &models, models_of)?)
+            let of = OfModels { arrays: models_of, scenes: models_in };
+            Arc::new(placing.place(self, draft, &singles, &models, of, &scenes)?)
         } else {
             Arc::clone(&self.state().placement)
         };
-        let of_members = || arrays.iter().flat_map(|it| it.own.values().chain([&it.common]));
-        let all_states = || singles.iter().map(|it| &it.state).chain(of_members());
+        let with_states = placement.scenes.iter().zip(draft.scenes.values());
+        states.scenes = with_states.map(|(it, draft)| of_scene(it, &draft.state)).collect();
         let see_through = models.iter().any(Model::see_through)
-            || all_states().any(|it| it.look.see_through() || it.parts.looks.see_through());
-        let hides_parts = all_states().any(|it| !it.parts.trees.is_empty());
+            || states.all().any(|it| it.look.see_through() || it.parts.looks.see_through());
+        let hides_parts = states.all().any(|it| !it.parts.trees.is_empty());
         Ok(SceneState {
             see_through,
+            levels,
             hides_parts,
             context: self.context().clone(),
             models,
             singles,
-            arrays,
+            states: Arc::new(states),
             placement,
             lights: draft.lights.clone(),
             background: draft.background,
@@ -98,7 +128,7 @@ impl Placing {
     const BUILD: usize = size_of::<DBounds>() + TopTree::BYTES_EACH;
 
     /// Counts the trees.
-    fn of(draft: &Draft) -> Result<Self> {
+    fn of(draft: &Draft, scenes: &[Arc<SceneState>]) -> Result<Self> {
         let singles: usize = draft.draftees().map(|it| it.model.placements().count()).sum();
         let mut bytes = singles * size_of::<Placed>() + size_of::<u32>() * draft.instances.len();
         let mut count = singles;
@@ -114,8 +144,18 @@ impl Placing {
             bytes += trees * size_of::<Measures>() + starts * size_of::<u32>() + prototypes as usize;
             count += trees;
         }
+        let of_arrays = draft.arrays.iter().map(|it| it.array.len() as usize);
+        let of_scenes = scenes.iter().map(|it| it.instance_count());
+        let instances: usize = of_arrays.chain(of_scenes).fold(draft.instances.len(), usize::saturating_add);
+        for it in scenes {
+            count = count.saturating_add(it.placement.len());
+            bytes += it.placement.len() * size_of::<Measures>() + it.models.len() * size_of::<u32>();
+        }
         if count >= 1 << 31 {
             return Err(Error::bad_argument("a scene must have fewer than 2^31 placed trees"));
+        }
+        if instances >= 1 << 31 {
+            return Err(Error::bad_argument("a scene must have fewer than 2^31 instances"));
         }
         Ok(Self { singles, count, bytes: (bytes + count * Self::BUILD) as u64 })
     }
@@ -127,7 +167,8 @@ impl Placing {
         draft: &Draft,
         instances: &[Instance],
         models: &[Model],
-        models_of: Vec<Vec<u32>>,
+        of: OfModels,
+        scenes: &[Arc<SceneState>],
     ) -> Result<Placement> {
         let what = "the placed trees of a scene";
         let mut memory = scene.context().residency().keep(what, self.bytes)?;
@@ -150,7 +191,7 @@ impl Placing {
             }
         }
         let mut placement = Placement { count: self.count as u32, singles, firsts, ..Placement::default() };
-        for (it, of) in draft.arrays.iter().zip(models_of) {
+        for (it, of) in draft.arrays.iter().zip(of.arrays) {
             let first_instance = placement.instance_count() as u32;
             let array = placed_array(it, &of, [hits.len() as u32, first_instance])?;
             for number in array.first..array.first + array.measures.len() as u32 {
@@ -158,13 +199,31 @@ impl Placing {
             }
             placement.arrays.push(array);
         }
+        for ((it, inner), models) in draft.scenes.values().zip(scenes).zip(of.scenes) {
+            let (first, first_instance) = (hits.len() as u32, placement.instance_count() as u32);
+            let (id, world_from_scene, scene) = (it.id, it.world_from_scene, Arc::clone(inner));
+            let mut measures = room(inner.placement.len(), what)?;
+            measures.extend(
+                inner.all_placed().map(|placed| Measures::of(&(world_from_scene * placed.world_from_mesh()).matrix3)),
+            );
+            let count = measures.len() as u32;
+            let placed = PlacedScene { id, first, first_instance, scene, world_from_scene, models, measures };
+            (first..first + count).for_each(|number| add(&placed.placed(number), &mut hits));
+            placement.scenes.push(placed);
+        }
         placement.top = TopTree::build(&hits)?;
         drop(hits);
         // The boxes are needed for the tree only.
-        memory.shrink_to(self.bytes - (self.count * size_of::<DBounds>()) as u64);
+        memory.shrink_to(self.bytes - (self.count * (size_of::<DBounds>() + TopTree::WORKING)) as u64);
         (placement.bounds, placement.position_error, placement._memory) = (around, position_error, memory);
         Ok(placement)
     }
+}
+
+/// Indices of the models of each array, and of each scene, in their orders.
+struct OfModels {
+    arrays: Vec<Vec<u32>>,
+    scenes: Vec<Vec<u32>>,
 }
 
 /// The placed trees of an array. `models`: the indices of its models; `first`: the numbers of its first tree and

@@ -9,7 +9,7 @@ use crate::residency::{Fetchers, Residency, ResidencyOptions};
 use crate::simd::{DenormalsOff, Isa};
 use std::any::Any;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::SeqCst};
-use std::sync::{Arc, Weak};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 
 /// The importance of a log line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -87,6 +87,8 @@ struct Inner {
     scratch: WorkingMemory,
     /// Bytes of working memory of rays, in batches, that wait for blocks.
     waiting: Arc<AtomicU64>,
+    /// Held while a scene is put into another.
+    nesting: Mutex<()>,
 }
 
 impl Context {
@@ -114,9 +116,19 @@ impl Context {
         // The limit is one more than the workers, or the host's calling threads, that can use working memory at once.
         let workers = threads::processors().max(pool.concurrency());
         let (log, scratch, is_compact) = (options.log, WorkingMemory::new(workers + 1), options.compact);
-        let waiting = Arc::default();
-        let inner =
-            Arc::new(Inner { _fetchers: fetchers, pool, log, residency, pumping, isa, is_compact, scratch, waiting });
+        let (waiting, nesting) = (Arc::default(), Mutex::default());
+        let inner = Arc::new(Inner {
+            _fetchers: fetchers,
+            pool,
+            log,
+            residency,
+            pumping,
+            isa,
+            is_compact,
+            scratch,
+            waiting,
+            nesting,
+        });
         if !has_fetchers {
             let weak = Arc::downgrade(&inner);
             inner.residency.set_waker(Some(Arc::new(move || pump_in_pool(&weak))));
@@ -168,6 +180,11 @@ impl Context {
     /// The budget in bytes.
     pub fn memory_budget(&self) -> u64 {
         self.0.residency.budget()
+    }
+
+    /// Held while a scene is put into another.
+    pub(super) fn nesting(&self) -> MutexGuard<'_, ()> {
+        self.0.nesting.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Bytes of the budget in use.

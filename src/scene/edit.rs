@@ -1,76 +1,48 @@
 //! A scene: instances, lights and looks of parts. Edits are free at any time; jobs see them only after a commit.
 
-use super::array::{Array, Instances};
+use super::array::{Array, Instances, Transforms};
 use super::context::Context;
+use super::draft::{Draft, DraftArray, DraftScene, DraftState, Draftee};
 use super::light::{Background, Light};
-use super::looks::{self, Look, PartLooks, PartsShown};
+use super::looks::{Look, PartLooks};
 use super::model::Model;
 use super::placed::check_transform;
-use super::state::{InstanceState, SceneState};
+use super::state::SceneState;
 use crate::base::error::{Error, Result};
 use crate::residency::Kept;
 use arc_swap::{ArcSwap, Guard};
 use glam::DAffine3;
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap, HashSet};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// A scene that collects edits until [`Scene::commit`]. Jobs in flight keep the state that they began with.
 /// Thread-safe. A scene keeps its models alive.
-pub struct Scene {
+///
+/// Clones are the same scene.
+#[derive(Clone)]
+pub struct Scene(Arc<Inner>);
+
+struct Inner {
     context: Context,
     draft: Mutex<Draft>,
     /// The state changes under the lock of the draft. Each query call reads it without the lock.
     committed: ArcSwap<SceneState>,
 }
 
-/// The content of the next commit.
-pub(super) struct Draft {
-    /// In the order added; removed instances leave `None` until the next commit.
-    pub(super) instances: Vec<Option<Draftee>>,
-    /// Index in `instances` of each id.
-    index: HashMap<u64, usize>,
-    pub(super) arrays: Vec<DraftArray>,
-    pub(super) lights: Vec<Light>,
-    pub(super) background: Background,
-    /// True if an instance was moved, added or removed since the last commit.
-    pub(super) moved: bool,
-    /// The looks of instances whose parts look as in the file.
-    plain: Arc<PartsShown>,
-    /// Number of instances that `memory` pays for.
-    paid: usize,
-    memory: Kept,
-    /// Bytes of looks of parts that were edited since the last commit, and their charge.
-    edited: u64,
-    edits: Kept,
-}
-
-#[derive(Clone)]
-pub(super) struct Draftee {
-    pub id: u64,
-    pub model: Model,
-    pub world_from_model: DAffine3,
-    pub state: DraftState,
-}
-
-/// The state of an instance in the next commit.
-#[derive(Clone)]
-pub(super) struct DraftState {
-    pub mask: u32,
-    pub look: Look,
-    pub parts: Arc<PartLooks>,
-    /// Of the last commit.
-    pub shown: Arc<PartsShown>,
-}
-
-/// An array of instances in the next commit.
-pub(super) struct DraftArray {
-    pub array: Arc<Array>,
-    pub models: Vec<Model>,
-    /// The state of members that have none of their own.
-    pub common: DraftState,
-    pub own: HashMap<u32, DraftState>,
-    /// For the array, and for the states of its own.
-    memory: Kept,
+impl Drop for Inner {
+    /// Scenes may be in scenes deeper than the stack is: a loop drops them one after the other.
+    fn drop(&mut self) {
+        let scenes_of = |inner: &mut Self| {
+            let draft = inner.draft.get_mut().unwrap_or_else(PoisonError::into_inner);
+            std::mem::take(&mut draft.scenes)
+        };
+        let mut todo: Vec<Scene> = scenes_of(self).into_values().map(|it| it.scene).collect();
+        while let Some(scene) = todo.pop() {
+            if let Some(mut inner) = Arc::into_inner(scene.0) {
+                todo.extend(scenes_of(&mut inner).into_values().map(|it| it.scene));
+            }
+        }
+    }
 }
 
 impl Scene {
@@ -80,11 +52,12 @@ impl Scene {
         let background = Background::default();
         let committed = ArcSwap::from_pointee(SceneState {
             see_through: false,
+            levels: 1,
             hides_parts: false,
             context: context.clone(),
             models: Vec::new(),
             singles: Vec::new(),
-            arrays: Vec::new(),
+            states: Arc::default(),
             placement: Arc::default(),
             lights: lights.clone(),
             background,
@@ -95,6 +68,8 @@ impl Scene {
             instances,
             index,
             arrays: Vec::new(),
+            scenes: BTreeMap::new(),
+            scene_at: HashMap::new(),
             lights,
             background,
             moved: false,
@@ -104,12 +79,12 @@ impl Scene {
             edited: 0,
             edits: Kept::default(),
         };
-        Self { context: context.clone(), draft: Mutex::new(draft), committed }
+        Self(Arc::new(Inner { context: context.clone(), draft: Mutex::new(draft), committed }))
     }
 
     /// The context.
     pub fn context(&self) -> &Context {
-        &self.context
+        &self.0.context
     }
 
     /// Adds `model`, transformed by `world_from_model`, as instance `id` (chosen by the caller, unique in the scene).
@@ -118,13 +93,13 @@ impl Scene {
     /// Fails with `BadArgument` if the id is taken, the model belongs to another context, or the transform is singular
     /// or not finite, and with `OverBudget` if there is no room for another instance.
     pub fn add_instance(&self, model: &Model, id: u64, world_from_model: DAffine3) -> Result<()> {
-        if !model.context().same(&self.context) {
+        if !model.context().same(&self.0.context) {
             return Err(Error::bad_argument("the model belongs to another context"));
         }
         check_transform(&world_from_model)?;
         let mut draft = self.draft();
         draft.check_new(id, 1)?;
-        draft.pay_for_another(&self.context)?;
+        draft.pay_for_another(&self.0.context)?;
         let (state, at) = (DraftState::plain(&draft.plain), draft.instances.len());
         draft.instances.push(Some(Draftee { id, model: model.clone(), world_from_model, state }));
         draft.index.insert(id, at);
@@ -139,18 +114,58 @@ impl Scene {
     /// Fails with `BadArgument` if an id is taken, a model belongs to another context, an index or a transform is wrong
     /// (the error names the first), and with `OverBudget`. After a failure nothing was added.
     pub fn add_instances(&self, instances: &Instances) -> Result<()> {
-        if !instances.prototypes.iter().all(|model| model.context().same(&self.context)) {
+        if !instances.prototypes.iter().all(|model| model.context().same(&self.0.context)) {
             return Err(Error::bad_argument("a prototype belongs to another context"));
         }
-        let array = Arc::new(Array::new(instances)?);
-        let memory = self.context.residency().keep("an array of instances", array.bytes())?;
+        let array = Arc::new(Array::new(instances, self.0.context.residency())?);
         let mut draft = self.draft();
         draft.check_new(array.first_id, array.len().into())?;
         let common = DraftState { mask: instances.mask, ..DraftState::plain(&draft.plain) };
         let models = instances.prototypes.clone();
-        draft.arrays.push(DraftArray { array, models, common, own: HashMap::new(), memory });
+        draft.arrays.push(DraftArray { array, models, common, own: HashMap::new(), memory: Kept::default() });
         draft.moved = true;
         Ok(())
+    }
+
+    /// Adds a scene to this one, transformed by `world_from_scene`, as instance `id`. Each commit of this scene takes
+    /// the other as it was committed last; its lights and background are left out. Scenes may be in scenes, up to
+    /// 64 levels, and a scene any number of times. Its instances count as placed trees of this scene each time. Cheap.
+    ///
+    /// Fails with `BadArgument` if the id is taken, the scene belongs to another context, is this scene or has it in
+    /// it, or the transform is singular or not finite.
+    pub fn add_scene(&self, scene: &Scene, id: u64, world_from_scene: DAffine3) -> Result<()> {
+        if !scene.context().same(&self.0.context) {
+            return Err(Error::bad_argument("the scene belongs to another context"));
+        }
+        check_transform(&world_from_scene)?;
+        // Two threads might put two scenes into each other.
+        let _nesting = self.0.context.nesting();
+        if scene.has(self) {
+            return Err(Error::bad_argument("the scene would be in itself"));
+        }
+        let mut draft = self.draft();
+        draft.check_new(id, 1)?;
+        let (state, key) =
+            (DraftState::plain(&draft.plain), draft.scenes.keys().next_back().map_or(0, |last| last + 1));
+        draft.scenes.insert(key, DraftScene { id, scene: scene.clone(), world_from_scene, state });
+        draft.scene_at.insert(id, key);
+        draft.moved = true;
+        Ok(())
+    }
+
+    /// True if it is `other`, or if that is in it in its next commit. Each scene is looked at once, however often it is
+    /// in others.
+    fn has(&self, other: &Scene) -> bool {
+        let (mut todo, mut seen) = (vec![self.clone()], HashSet::new());
+        while let Some(scene) = todo.pop() {
+            if Arc::ptr_eq(&scene.0, &other.0) {
+                return true;
+            }
+            if seen.insert(Arc::as_ptr(&scene.0)) {
+                todo.extend(scene.draft().scenes.values().map(|it| it.scene.clone()));
+            }
+        }
+        false
     }
 
     /// Removes all instances that were added together, the first with the id `first_id`. Fails with `BadArgument` if
@@ -172,6 +187,12 @@ impl Scene {
         // The last reference of a model closes its source: functions of the host are called without the lock.
         let removed = {
             let mut draft = self.draft();
+            if let Some(removed) = draft.remove_scene(id) {
+                draft.moved = true;
+                drop(draft);
+                drop(removed);
+                return Ok(());
+            }
             draft.refuse_member(id, "removed alone")?;
             let at = draft.index.remove(&id).ok_or_else(|| no_instance(id))?;
             draft.moved = true;
@@ -185,10 +206,33 @@ impl Scene {
     pub fn set_transform(&self, id: u64, world_from_model: DAffine3) -> Result<()> {
         check_transform(&world_from_model)?;
         let mut draft = self.draft();
-        match draft.member(id) {
-            Some((array, member)) => Arc::make_mut(&mut draft.arrays[array].array).set(member, world_from_model)?,
-            None => draft.instance(id)?.world_from_model = world_from_model,
+        if let Some(it) = draft.scene(id) {
+            it.world_from_scene = world_from_model;
+        } else if let Some((array, member)) = draft.member(id) {
+            let array = &mut draft.arrays[array].array;
+            let transforms = array.in_form(&world_from_model)?;
+            Array::replace(array, member, &transforms, self.0.context.residency())?;
+        } else {
+            draft.instance(id)?.world_from_model = world_from_model;
         }
+        draft.moved = true;
+        Ok(())
+    }
+
+    /// Moves instances of an array with consecutive ids, the first with the id `first_id`. The transforms have the form
+    /// of the array's. Fails with `BadArgument` if they are not all of one array, or for the first transform that is
+    /// wrong, and with `OverBudget`. After a failure nothing has moved.
+    pub fn set_transforms(&self, first_id: u64, transforms: &Transforms) -> Result<()> {
+        let mut draft = self.draft();
+        let Some((array, member)) = draft.member(first_id) else {
+            return Err(Error::bad_argument(format!("instance {first_id} is of no array")));
+        };
+        let array = &mut draft.arrays[array].array;
+        if transforms.len() > (array.len() - member) as usize {
+            let (count, left) = (transforms.len(), array.len() - member);
+            return Err(Error::bad_argument(format!("{count} transforms, but {left} instances from {first_id} on")));
+        }
+        Array::replace(array, member, transforms, self.0.context.residency())?;
         draft.moved = true;
         Ok(())
     }
@@ -196,7 +240,7 @@ impl Scene {
     /// Sets the mask of an instance: it is visible to rays with a common bit in their masks. By default all bits are
     /// set. Cheap.
     pub fn set_instance_mask(&self, id: u64, mask: u32) -> Result<()> {
-        self.draft().state(&self.context, id)?.mask = mask;
+        self.draft().state(&self.0.context, id)?.mask = mask;
         Ok(())
     }
 
@@ -204,7 +248,7 @@ impl Scene {
     /// hides it. Cheap.
     pub fn set_instance_look(&self, id: u64, look: Look) -> Result<()> {
         check_look(&look)?;
-        self.draft().state(&self.context, id)?.look = look;
+        self.draft().state(&self.0.context, id)?.look = look;
         Ok(())
     }
 
@@ -254,11 +298,11 @@ impl Scene {
         if !draft.model(instance)?.same(&model) {
             return Err(Error::BadState(format!("the model of instance {instance} was exchanged meanwhile")));
         }
-        let (count, state) = (model.parts().len(), draft.state(&self.context, instance)?);
+        let (count, state) = (model.parts().len(), draft.state(&self.0.context, instance)?);
         let copied = if state.has_new_looks() { 0 } else { state.parts.bytes() };
         let more = copied + state.parts.growth(&chosen, count, colours);
-        draft.pay_for_edit(&self.context, more)?;
-        let state = draft.state(&self.context, instance)?;
+        draft.pay_for_edit(&self.0.context, more)?;
+        let state = draft.state(&self.0.context, instance)?;
         edit(Arc::make_mut(&mut state.parts), &mut chosen.into_iter(), count as u32);
         Ok(())
     }
@@ -266,8 +310,9 @@ impl Scene {
     /// Resets the looks of all parts of an instance. Cheap.
     pub fn clear_part_looks(&self, instance: u64) -> Result<()> {
         let mut draft = self.draft();
+        draft.model(instance)?;
         let plain = Arc::clone(&draft.plain.looks);
-        draft.state(&self.context, instance)?.parts = plain;
+        draft.state(&self.0.context, instance)?.parts = plain;
         Ok(())
     }
 
@@ -275,7 +320,7 @@ impl Scene {
     /// and look, and each part the look of the part with the same id; looks of parts that the new model lacks are lost.
     /// Fails like [`Scene::add_instance`] and [`Scene::set_parts_look`].
     pub fn set_model(&self, instance: u64, model: &Model) -> Result<()> {
-        if !model.context().same(&self.context) {
+        if !model.context().same(&self.0.context) {
             return Err(Error::bad_argument("the model belongs to another context"));
         }
         let mut draft = self.draft();
@@ -292,7 +337,7 @@ impl Scene {
         if !Arc::ptr_eq(&draft.instance(instance)?.state.parts, &old) {
             return Err(Error::BadState(format!("the looks of instance {instance} were edited meanwhile")));
         }
-        draft.pay_for_edit(&self.context, looks.bytes())?;
+        draft.pay_for_edit(&self.0.context, looks.bytes())?;
         let draftee = draft.instance(instance)?;
         draftee.state.parts = if looks.is_empty() { plain } else { Arc::new(looks) };
         draftee.model = model.clone();
@@ -334,11 +379,11 @@ impl Scene {
         match self.next_state(draft) {
             Ok(state) => {
                 (draft.moved, draft.edited) = (false, 0);
-                Ok(self.committed.swap(Arc::new(state)))
+                Ok(self.0.committed.swap(Arc::new(state)))
             }
             Err(error) => {
                 // There may be no room any more.
-                let _ = draft.pay_for_edit(&self.context, 0);
+                let _ = draft.pay_for_edit(&self.0.context, 0);
                 Err(error)
             }
         }
@@ -346,150 +391,17 @@ impl Scene {
 
     /// The state of the last commit (an empty scene before the first). Cheap.
     pub fn state(&self) -> Arc<SceneState> {
-        self.committed.load_full()
+        self.0.committed.load_full()
     }
 
     /// [`Scene::state`] without an update of the shared reference count, for the duration of a call.
     pub(crate) fn shown(&self) -> Guard<Arc<SceneState>> {
-        self.committed.load()
+        self.0.committed.load()
     }
 
     fn draft(&self) -> MutexGuard<'_, Draft> {
         // Every step of an edit leaves a valid draft, so a poisoned lock is safe to use.
-        self.draft.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
-impl DraftArray {
-    /// True if each member has one tree.
-    pub fn has_one_each(&self) -> bool {
-        self.models.iter().all(|model| model.placements().count() == 1)
-    }
-}
-
-impl DraftState {
-    fn plain(plain: &Arc<PartsShown>) -> Self {
-        let (shown, parts) = (Arc::clone(plain), Arc::clone(&plain.looks));
-        Self { mask: u32::MAX, look: Look::default(), parts, shown }
-    }
-
-    pub fn committed(&self) -> InstanceState {
-        InstanceState { mask: self.mask, look: self.look, parts: Arc::clone(&self.shown) }
-    }
-
-    /// True if looks of parts were edited since the last commit.
-    pub fn has_new_looks(&self) -> bool {
-        !Arc::ptr_eq(&self.parts, &self.shown.looks)
-    }
-}
-
-/// Bytes of the state of a member of its own. The table may be half empty.
-const OWN: usize = 2 * (size_of::<(u32, DraftState)>() + size_of::<(u32, InstanceState)>() + 2);
-
-impl Draft {
-    pub(super) fn draftees(&self) -> impl Iterator<Item = &Draftee> + Clone {
-        self.instances.iter().flatten()
-    }
-
-    /// All states, with the models of those that have looks of parts of their own.
-    pub(super) fn states(&mut self) -> impl Iterator<Item = (&Model, &mut DraftState)> {
-        let singles = self.instances.iter_mut().flatten().map(|it| (&it.model, &mut it.state));
-        let members = self.arrays.iter_mut().flat_map(|it| {
-            let DraftArray { array, models, own, .. } = it;
-            own.iter_mut().map(|(&member, state)| (&models[array.prototype_of(member) as usize], state))
-        });
-        singles.chain(members)
-    }
-
-    /// Fails if one of `count` ids from `first` on is taken.
-    fn check_new(&self, first: u64, count: u64) -> Result<()> {
-        let last = first + (count - 1);
-        let of_array = |it: &DraftArray| {
-            let from = it.array.first_id;
-            let to = from + u64::from(it.array.len() - 1);
-            (from <= last && first <= to).then_some(from.max(first))
-        };
-        let single = || {
-            if count <= self.index.len() as u64 {
-                return (first..=last).find(|id| self.index.contains_key(id));
-            }
-            self.index.keys().copied().filter(|id| (first..=last).contains(id)).min()
-        };
-        match self.arrays.iter().find_map(of_array).or_else(single) {
-            Some(id) => Err(Error::bad_argument(format!("instance {id} already exists"))),
-            None => Ok(()),
-        }
-    }
-
-    /// The array that an id is of, and its member.
-    fn member(&self, id: u64) -> Option<(usize, u32)> {
-        self.arrays.iter().enumerate().find_map(|(i, it)| Some((i, it.array.member(id)?)))
-    }
-
-    fn refuse_member(&self, id: u64, what: &str) -> Result<()> {
-        match self.member(id) {
-            Some(_) => Err(Error::bad_argument(format!("instance {id} is of an array, and cannot be {what}"))),
-            None => Ok(()),
-        }
-    }
-
-    /// The model of an instance.
-    fn model(&mut self, id: u64) -> Result<&Model> {
-        if let Some((array, member)) = self.member(id) {
-            let it = &self.arrays[array];
-            return Ok(&it.models[it.array.prototype_of(member) as usize]);
-        }
-        Ok(&self.instance(id)?.model)
-    }
-
-    /// The state of an instance, to be edited. A member of an array gets one of its own.
-    fn state(&mut self, context: &Context, id: u64) -> Result<&mut DraftState> {
-        let Some((array, member)) = self.member(id) else { return Ok(&mut self.instance(id)?.state) };
-        let it = &mut self.arrays[array];
-        if !it.own.contains_key(&member) {
-            let bytes = it.array.bytes() + ((it.own.len() + 1) * OWN) as u64;
-            it.memory.grow_to(context.residency(), looks::WHAT, bytes)?;
-        }
-        Ok(it.own.entry(member).or_insert_with(|| it.common.clone()))
-    }
-
-    /// Removes the gaps that removed instances left.
-    pub(super) fn close_gaps(&mut self) {
-        if self.instances.len() == self.index.len() {
-            return;
-        }
-        self.instances.retain(Option::is_some);
-        // The index keeps the memory that is paid for.
-        self.index.clear();
-        self.index.extend(self.instances.iter().flatten().enumerate().map(|(i, instance)| (instance.id, i)));
-    }
-
-    /// Charges the memory of another instance to the budget, for twice as many at a time.
-    fn pay_for_another(&mut self, context: &Context) -> Result<()> {
-        if self.instances.len() < self.paid {
-            return Ok(());
-        }
-        // An entry of the index takes up to twice its size, and both grow by doubling.
-        let each = size_of::<Option<Draftee>>() + 2 * (size_of::<(u64, usize)>() + 1);
-        let more = self.paid.max(16) * 2;
-        let memory = context.residency().keep("the instances of a scene", (more * each) as u64)?;
-        let no_memory = |_| Error::NoMemory { what: "the instances of a scene".into(), bytes: (more * each) as u64 };
-        self.instances.try_reserve_exact(more - self.instances.len()).map_err(no_memory)?;
-        self.index.try_reserve(more - self.index.len()).map_err(no_memory)?;
-        (self.paid, self.memory) = (more, memory);
-        Ok(())
-    }
-
-    /// Charges `more` bytes of edited looks to the budget.
-    fn pay_for_edit(&mut self, context: &Context, more: u64) -> Result<()> {
-        self.edits.grow_to(context.residency(), looks::WHAT, self.edited + more)?;
-        self.edited += more;
-        Ok(())
-    }
-
-    fn instance(&mut self, id: u64) -> Result<&mut Draftee> {
-        let at = self.index.get(&id);
-        at.and_then(|&at| self.instances[at].as_mut()).ok_or_else(|| no_instance(id))
+        self.0.draft.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -520,7 +432,7 @@ pub(super) fn choose(model: &Model, ids: &[u64], scope: Scope) -> Result<Vec<u32
     Ok(chosen)
 }
 
-fn no_instance(id: u64) -> Error {
+pub(super) fn no_instance(id: u64) -> Error {
     Error::bad_argument(format!("instance {id} does not exist"))
 }
 

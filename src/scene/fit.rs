@@ -160,16 +160,22 @@ impl SceneState {
     fn chosen(&self, chosen: &[Chosen], scope: Scope) -> Result<Vec<(u32, Option<Vec<u32>>)>> {
         let mut by_instance: HashMap<u32, Option<Vec<u64>>> = HashMap::new();
         for one in chosen {
-            let no_instance = || Error::bad_argument(format!("fit: instance {} does not exist", one.instance));
-            let instance = self.instance_with(one.instance).ok_or_else(no_instance)?;
-            let parts = by_instance.entry(instance).or_insert(Some(Vec::new()));
-            match one.part {
-                None => *parts = None,
-                Some(part) => {
-                    if self.model_of_instance(instance).part_index(part).is_none() {
-                        return Err(Error::bad_argument(format!("fit: the model has no part {part}")));
-                    }
-                    parts.iter_mut().for_each(|parts| parts.push(part));
+            let instances = self.instances_with(one.instance);
+            if instances.is_empty() {
+                return Err(Error::bad_argument(format!("fit: instance {} does not exist", one.instance)));
+            }
+            let has_it = |&instance: &u32| {
+                one.part.is_none_or(|part| self.model_of_instance(instance).part_index(part).is_some())
+            };
+            let mut with_it = instances.filter(has_it).peekable();
+            if let (None, Some(part)) = (with_it.peek(), one.part) {
+                return Err(Error::bad_argument(format!("fit: the model has no part {part}")));
+            }
+            for instance in with_it {
+                let parts = by_instance.entry(instance).or_insert(Some(Vec::new()));
+                match one.part {
+                    None => *parts = None,
+                    Some(part) => parts.iter_mut().for_each(|parts| parts.push(part)),
                 }
             }
         }

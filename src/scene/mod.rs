@@ -8,6 +8,7 @@ pub(crate) mod beam;
 pub mod camera;
 mod commit;
 pub mod context;
+mod draft;
 pub mod edit;
 mod fit;
 mod forms;

@@ -215,6 +215,11 @@ impl Placed {
         self.max_coord
     }
 
+    /// The map from the mesh to the world.
+    pub fn world_from_mesh(&self) -> DAffine3 {
+        DAffine3 { matrix3: self.linear, translation: self.mesh_origin }
+    }
+
     /// The map from the tree's frame to the world.
     pub fn frame(&self) -> DAffine3 {
         DAffine3 { matrix3: self.linear, translation: self.offset }

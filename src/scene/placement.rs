@@ -1,9 +1,10 @@
 //! The placement of all trees of a scene. Single instances have their placed trees stored. Those of arrays are made
-//! from the arrays' transforms when they are asked for.
+//! from the arrays' transforms when they are asked for, and those of scenes in it from the placed trees there.
 
 use super::array::Array;
 use super::model::Model;
 use super::placed::{Measures, Placed};
+use super::state::SceneState;
 use super::top::TopTree;
 use crate::math::DBounds;
 use crate::residency::Kept;
@@ -11,13 +12,15 @@ use glam::DAffine3;
 use std::sync::Arc;
 
 /// The placed trees of a scene, by number: those of single instances in the order added, each with its trees in the
-/// model's own order; then those of arrays, member by member. States that differ only in looks share it.
+/// model's own order; then those of arrays, member by member; then those of scenes in this one, in their
+/// own order. States that differ only in looks share it.
 pub(crate) struct Placement {
     /// Those of single instances.
     pub(super) singles: Vec<Placed>,
     /// Number of the first placed tree of each single instance.
     pub(super) firsts: Vec<u32>,
     pub(super) arrays: Vec<PlacedArray>,
+    pub(super) scenes: Vec<PlacedScene>,
     /// Number of all placed trees.
     pub(super) count: u32,
     /// The top tree over the boxes of all that rays may hit.
@@ -35,6 +38,7 @@ impl Default for Placement {
             singles: Vec::new(),
             firsts: Vec::new(),
             arrays: Vec::new(),
+            scenes: Vec::new(),
             count: 0,
             top: TopTree::default(),
             bounds: DBounds::EMPTY,
@@ -56,6 +60,43 @@ pub(super) struct PlacedArray {
     pub starts: Vec<u32>,
     /// Of each placed tree.
     pub measures: Vec<Measures>,
+}
+
+/// The placed trees of a scene in another.
+pub(super) struct PlacedScene {
+    /// The caller's id.
+    pub id: u64,
+    /// The number of its first placed tree.
+    pub first: u32,
+    /// The number of its first instance.
+    pub first_instance: u32,
+    /// As it was at the commit.
+    pub scene: Arc<SceneState>,
+    pub world_from_scene: DAffine3,
+    /// The index, in the outer scene, of each of its models.
+    pub models: Vec<u32>,
+    /// Of each placed tree.
+    pub measures: Vec<Measures>,
+}
+
+impl PlacedScene {
+    /// A placed tree.
+    pub fn placed(&self, number: u32) -> Placed {
+        let inner = self.scene.placed(number - self.first);
+        let stored = &self.scene.models[inner.model as usize].trees()[inner.tree as usize];
+        let world_from_mesh = self.world_from_scene * inner.world_from_mesh();
+        let measures = self.measures[(number - self.first) as usize];
+        Placed::measured(stored, self.outer(**inner), &world_from_mesh, measures)
+    }
+
+    fn ids_of(&self, number: u32) -> PlacedIds {
+        self.outer(self.scene.ids_of(number - self.first))
+    }
+
+    fn outer(&self, inner: PlacedIds) -> PlacedIds {
+        let (model, instance) = (self.models[inner.model as usize], self.first_instance + inner.instance);
+        PlacedIds { model, instance, ..inner }
+    }
 }
 
 /// A model of an array.
@@ -92,7 +133,7 @@ impl PlacedArray {
     }
 
     #[inline]
-    fn prototype(&self, member: u32) -> &Prototype {
+    pub fn prototype(&self, member: u32) -> &Prototype {
         &self.prototypes[self.array.prototype_of(member) as usize]
     }
 
@@ -116,6 +157,13 @@ impl PlacedArray {
     }
 }
 
+/// What holds placed trees that are not of single instances.
+#[derive(Clone, Copy)]
+pub(super) enum Holder<'a> {
+    Array(&'a PlacedArray),
+    Scene(&'a PlacedScene),
+}
+
 /// The tree, model, instance and parts of a placed tree.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) struct PlacedIds {
@@ -130,11 +178,14 @@ pub(crate) struct PlacedIds {
 }
 
 impl Placement {
-    /// The array that holds a placed tree which is not of a single instance.
+    /// The array or scene that holds a placed tree which is not of a single instance.
     #[inline]
-    fn array_of(&self, number: u32) -> &PlacedArray {
+    fn holder_of(&self, number: u32) -> Holder<'_> {
+        if let Some(after) = self.scenes.partition_point(|it| it.first <= number).checked_sub(1) {
+            return Holder::Scene(&self.scenes[after]);
+        }
         let after = self.arrays.partition_point(|array| array.first <= number);
-        &self.arrays[after - 1]
+        Holder::Array(&self.arrays[after - 1])
     }
 
     /// The placed tree of a single instance; `None`: it is an array's.
@@ -143,10 +194,13 @@ impl Placement {
         self.singles.get(number as usize)
     }
 
-    /// A placed tree of an array; `models`: those of the scene.
+    /// A placed tree that is not of a single instance; `models`: those of the scene.
     #[inline(never)]
     pub(super) fn made(&self, number: u32, models: &[Model]) -> Placed {
-        self.array_of(number).placed(number, models)
+        match self.holder_of(number) {
+            Holder::Array(array) => array.placed(number, models),
+            Holder::Scene(scene) => scene.placed(number),
+        }
     }
 
     /// See [`PlacedIds`].
@@ -155,39 +209,30 @@ impl Placement {
         if let Some(placed) = self.singles.get(number as usize) {
             return **placed;
         }
-        self.array_of(number).ids_of(number)
+        match self.holder_of(number) {
+            Holder::Array(array) => array.ids_of(number),
+            Holder::Scene(scene) => scene.ids_of(number),
+        }
     }
 
     /// The index of a placed tree among those of its instance.
     pub(super) fn index_in_instance(&self, number: u32) -> u32 {
         match self.single(number) {
             Some(placed) => number - self.firsts[placed.instance as usize],
-            None => self.array_of(number).of(number).nth,
+            None => match self.holder_of(number) {
+                Holder::Array(array) => array.of(number).nth,
+                Holder::Scene(it) => it.scene.placement.index_in_instance(number - it.first),
+            },
         }
     }
 
-    /// The array of an instance that is not a single one, and its member.
-    pub(super) fn member_of(&self, instance: u32) -> (usize, u32) {
-        let after = self.arrays.partition_point(|array| array.first_instance <= instance);
-        (after - 1, instance - self.arrays[after - 1].first_instance)
-    }
-
-    /// The caller's id of an instance of an array.
-    pub(super) fn id_of_member(&self, instance: u32) -> u64 {
-        let (array, member) = self.member_of(instance);
-        self.arrays[array].array.first_id + u64::from(member)
-    }
-
-    /// The index of the model of an instance of an array.
-    pub(super) fn model_of_member(&self, instance: u32) -> u32 {
-        let (array, member) = self.member_of(instance);
-        self.arrays[array].prototype(member).model
-    }
-
-    /// The map to the world of an instance of an array.
-    pub(super) fn transform_of_member(&self, instance: u32) -> DAffine3 {
-        let (array, member) = self.member_of(instance);
-        self.arrays[array].array.transform(member)
+    /// The array or the scene of an instance that is not a single one, its index, and the number of the instance there.
+    pub(super) fn holder_of_instance(&self, instance: u32) -> (Holder<'_>, usize, u32) {
+        if let Some(at) = self.scenes.partition_point(|it| it.first_instance <= instance).checked_sub(1) {
+            return (Holder::Scene(&self.scenes[at]), at, instance - self.scenes[at].first_instance);
+        }
+        let at = self.arrays.partition_point(|it| it.first_instance <= instance) - 1;
+        (Holder::Array(&self.arrays[at]), at, instance - self.arrays[at].first_instance)
     }
 
     /// The number of the instance with an id, if it is of an array.
@@ -197,6 +242,9 @@ impl Placement {
 
     /// Number of all instances.
     pub fn instance_count(&self) -> usize {
+        if let Some(it) = self.scenes.last() {
+            return it.first_instance as usize + it.scene.instance_count();
+        }
         self.arrays.last().map_or(self.firsts.len(), |it| (it.first_instance + it.array.len()) as usize)
     }
 

@@ -5,13 +5,14 @@ use super::light::{Background, Light};
 use super::looks::{Look, PartsShown};
 use super::model::Model;
 use super::placed::Placed;
-use super::placement::{PlacedIds, Placement};
+use super::placement::{Holder, PlacedIds, Placement};
 use crate::math::DBounds;
 use crate::residency::Kept;
 use crate::structure::ShownBlocks;
 use glam::DAffine3;
 use std::borrow::Cow;
 use std::collections::HashMap;
+use std::ops::Range;
 use std::sync::Arc;
 
 /// The state of an instance as it was at the commit.
@@ -31,7 +32,6 @@ pub(super) struct Instance {
     /// Index of its model.
     pub model: u32,
     pub world_from_model: DAffine3,
-    pub state: InstanceState,
 }
 
 /// The states of an array's members as they were at the commit.
@@ -42,14 +42,79 @@ pub(super) struct ArrayStates {
     pub own: HashMap<u32, InstanceState>,
 }
 
+/// The states of all instances as they were at the commit.
+#[derive(Default)]
+pub(super) struct States {
+    /// Of single instances.
+    pub singles: Vec<InstanceState>,
+    pub arrays: Vec<ArrayStates>,
+    /// Of the instances of each scene in this one, under the state of that scene.
+    pub scenes: Vec<Arc<States>>,
+}
+
+impl States {
+    /// The states under another one: visible if both are, in the colour of the inner one if it has one.
+    pub fn under(&self, outer: &InstanceState) -> Self {
+        let under = |inner: &InstanceState| {
+            let look = Look {
+                visible: inner.look.visible && outer.look.visible,
+                colour: inner.look.colour.or(outer.look.colour),
+                selected: inner.look.selected || outer.look.selected,
+            };
+            InstanceState { mask: inner.mask & outer.mask, look, parts: Arc::clone(&inner.parts) }
+        };
+        let of_array = |it: &ArrayStates| ArrayStates {
+            common: under(&it.common),
+            own: it.own.iter().map(|(&member, state)| (member, under(state))).collect(),
+        };
+        Self {
+            singles: self.singles.iter().map(under).collect(),
+            arrays: self.arrays.iter().map(of_array).collect(),
+            scenes: self.scenes.iter().map(|it| Arc::new(it.under(outer))).collect(),
+        }
+    }
+
+    /// Bytes of memory, without the looks of parts.
+    pub fn bytes(&self) -> u64 {
+        let of_arrays = self.arrays.iter().map(|it| (1 + 2 * it.own.len()) * size_of::<ArrayStates>());
+        let own =
+            (size_of::<Self>() + self.singles.len() * size_of::<InstanceState>() + of_arrays.sum::<usize>()) as u64;
+        own + self.scenes.iter().map(|it| it.bytes()).sum::<u64>()
+    }
+
+    /// All states.
+    pub fn all(&self) -> Box<dyn Iterator<Item = &InstanceState> + '_> {
+        let of_arrays = self.arrays.iter().flat_map(|it| it.own.values().chain([&it.common]));
+        Box::new(self.singles.iter().chain(of_arrays).chain(self.scenes.iter().flat_map(|it| it.all())))
+    }
+
+    /// The state of an instance that is not a single one.
+    #[inline(never)]
+    fn of(&self, placement: &Placement, instance: u32) -> &InstanceState {
+        if let Some(single) = self.singles.get(instance as usize) {
+            return single;
+        }
+        match placement.holder_of_instance(instance) {
+            (Holder::Array(_), at, member) => {
+                let states = &self.arrays[at];
+                states.own.get(&member).unwrap_or(&states.common)
+            }
+            (Holder::Scene(it), at, inner) => self.scenes[at].of(&it.scene.placement, inner),
+        }
+    }
+}
+
 /// A scene as it was at a commit: immutable, shared by the jobs that began with it. Thread-safe.
 pub struct SceneState {
     pub(crate) context: Context,
     pub(crate) models: Vec<Model>,
-    /// Single instances have the first numbers, in the order added; then come the members of arrays.
+    /// Single instances have the first numbers, in the order added; then come the members of arrays, then
+    /// those of scenes in this one.
     pub(super) singles: Vec<Instance>,
-    pub(super) arrays: Vec<ArrayStates>,
+    pub(super) states: Arc<States>,
     pub(crate) placement: Arc<Placement>,
+    /// Number of levels of scenes in scenes, this one included.
+    pub(super) levels: u32,
     /// True if anything may be transparent. Otherwise any surface that a shadow ray hits blocks it.
     pub(crate) see_through: bool,
     /// True if parts are hidden.
@@ -93,49 +158,81 @@ impl SceneState {
     /// The state of an instance.
     #[inline(always)]
     pub(crate) fn state_of(&self, instance: u32) -> &InstanceState {
-        match self.singles.get(instance as usize) {
-            Some(single) => &single.state,
-            None => self.state_of_member(instance),
+        match self.states.singles.get(instance as usize) {
+            Some(single) => single,
+            None => self.states.of(&self.placement, instance),
         }
     }
 
-    #[inline(never)]
-    fn state_of_member(&self, instance: u32) -> &InstanceState {
-        let (array, member) = self.placement.member_of(instance);
-        let states = &self.arrays[array];
-        states.own.get(&member).unwrap_or(&states.common)
-    }
-
-    /// The caller's id of an instance.
+    /// The caller's id of an instance. That of an instance of a scene in this one is the id of that scene.
     #[inline]
     pub(crate) fn instance_id(&self, instance: u32) -> u64 {
-        match self.singles.get(instance as usize) {
-            Some(single) => single.id,
-            None => self.placement.id_of_member(instance),
+        if let Some(single) = self.singles.get(instance as usize) {
+            return single.id;
+        }
+        match self.placement.holder_of_instance(instance) {
+            (Holder::Array(it), _, member) => it.array.first_id + u64::from(member),
+            (Holder::Scene(it), ..) => it.id,
         }
     }
 
     /// The model of an instance.
     pub(crate) fn model_of_instance(&self, instance: u32) -> &Model {
-        let index = match self.singles.get(instance as usize) {
-            Some(single) => single.model,
-            None => self.placement.model_of_member(instance),
-        };
-        &self.models[index as usize]
+        if let Some(single) = self.singles.get(instance as usize) {
+            return &self.models[single.model as usize];
+        }
+        match self.placement.holder_of_instance(instance) {
+            (Holder::Array(it), _, member) => &self.models[it.prototype(member).model as usize],
+            (Holder::Scene(it), _, inner) => it.scene.model_of_instance(inner),
+        }
     }
 
     /// The map of an instance to the world.
     pub(crate) fn world_from_model(&self, instance: u32) -> DAffine3 {
-        match self.singles.get(instance as usize) {
-            Some(single) => single.world_from_model,
-            None => self.placement.transform_of_member(instance),
+        if let Some(single) = self.singles.get(instance as usize) {
+            return single.world_from_model;
+        }
+        match self.placement.holder_of_instance(instance) {
+            (Holder::Array(it), _, member) => it.array.transform(member),
+            (Holder::Scene(it), _, inner) => it.world_from_scene * it.scene.world_from_model(inner),
         }
     }
 
-    /// The number of the instance with an id.
-    pub(crate) fn instance_with(&self, id: u64) -> Option<u32> {
-        let single = || self.singles.iter().position(|single| single.id == id).map(|at| at as u32);
-        self.placement.member_with(id).or_else(single)
+    /// The way to a placed tree: the ids of the scenes around its instance, the outermost first, and that of the
+    /// instance. Also returns the map from its model to the world. `None` if there is no
+    /// such placed tree.
+    pub fn path(&self, occurrence: u64) -> Option<(Vec<u64>, DAffine3)> {
+        let number = u32::try_from(occurrence).ok().filter(|&number| (number as usize) < self.placement.len())?;
+        let mut instance = self.ids_of(number).instance;
+        let (world_from_model, mut ids, mut scene) = (self.world_from_model(instance), Vec::new(), self);
+        loop {
+            ids.push(scene.instance_id(instance));
+            if scene.singles.len() > instance as usize {
+                return Some((ids, world_from_model));
+            }
+            match scene.placement.holder_of_instance(instance) {
+                (Holder::Array(_), ..) => return Some((ids, world_from_model)),
+                (Holder::Scene(it), _, inner) => (scene, instance) = (&it.scene, inner),
+            }
+        }
+    }
+
+    /// The index, among the scenes in this one, of that which an instance is of; `None` if it is in none.
+    pub(crate) fn scene_of(&self, instance: u32) -> Option<usize> {
+        let is_in_one = self.placement.scenes.first().is_some_and(|it| it.first_instance <= instance);
+        is_in_one.then(|| self.placement.holder_of_instance(instance).1)
+    }
+
+    /// The numbers of the instances with an id: several are of a scene in this one. Empty if there are none.
+    pub(crate) fn instances_with(&self, id: u64) -> Range<u32> {
+        let one = |at: u32| at..at + 1;
+        if let Some(member) = self.placement.member_with(id) {
+            return one(member);
+        }
+        if let Some(it) = self.placement.scenes.iter().find(|it| it.id == id) {
+            return it.first_instance..it.first_instance + it.scene.instance_count() as u32;
+        }
+        self.singles.iter().position(|single| single.id == id).map_or(0..0, |at| one(at as u32))
     }
 
     /// Bounds of all instances, hidden ones too, in world space; empty if there are none.

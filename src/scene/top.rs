@@ -55,7 +55,9 @@ impl Default for TopTree {
 
 impl TopTree {
     /// Bytes of memory for each placed tree, while the tree is built.
-    pub const BYTES_EACH: usize = size_of::<Node>() + size_of::<u32>();
+    pub const BYTES_EACH: usize = size_of::<Node>() + Self::WORKING;
+    /// Those that are given back afterwards.
+    pub const WORKING: usize = 2 * size_of::<u32>();
 
     /// Builds the tree over `bounds`, index by index, and leaves out empty ones. The same input gives the same tree.
     /// Fails with `NoMemory`.
@@ -68,6 +70,8 @@ impl TopTree {
         if order.is_empty() {
             return Ok(tree);
         }
+        let mut others: Vec<u32> = room(order.len(), what)?;
+        others.resize(order.len(), 0);
         // The loop replaces a recursion as deep as the tree.
         let mut todo = vec![(0, order.len(), None::<(usize, usize)>, 1)];
         while let Some((begin, end, parent, depth)) = todo.pop() {
@@ -76,7 +80,7 @@ impl TopTree {
                 NodeRef(order[begin] | LEAF)
             } else {
                 let range = &mut order[begin..end];
-                let middle = begin + split(bounds, range);
+                let middle = begin + split(bounds, range, &mut others);
                 let node = tree.nodes.len();
                 let around = |part: &[u32]| part.iter().fold(DBounds::EMPTY, |b, &i| b.union(bounds[i as usize]));
                 tree.nodes.push(Node {
@@ -122,8 +126,8 @@ impl TopTree {
 const BINS: usize = 16;
 
 /// Orders `range` by binned SAH over the centres, so that its first n go to one side and the rest to the other. Returns
-/// n, at least 1 and less than all.
-fn split(bounds: &[DBounds], range: &mut [u32]) -> usize {
+/// n, at least 1 and less than all. The indices are ascending, and stay so on each side. `others`: see [`divide`].
+fn split(bounds: &[DBounds], range: &mut [u32], others: &mut [u32]) -> usize {
     let centre = |i: u32| bounds[i as usize].center();
     let centres = range.iter().fold(DBounds::EMPTY, |b, &i| b.with(centre(i)));
     let mut best: Option<(f64, usize, usize)> = None;
@@ -140,15 +144,30 @@ fn split(bounds: &[DBounds], range: &mut [u32]) -> usize {
     }
     if let Some((_, axis, cut)) = best {
         let (low, width) = (centres.min[axis], centres.extent()[axis]);
-        let side = |&i: &u32| (bin_of(centre(i)[axis], low, width) >= cut, i);
-        range.sort_unstable_by_key(side);
-        let n = range.partition_point(|i| !side(i).0);
+        let n = divide(range, others, |i| bin_of(centre(i)[axis], low, width) < cut);
         if n > 0 && n < range.len() {
             return n;
         }
     }
-    range.sort_unstable();
     range.len() / 2
+}
+
+/// Moves those for which `is_first` is true to the front, and keeps both kinds in order. Returns their number. `others`
+/// is working memory, at least as long.
+fn divide(range: &mut [u32], others: &mut [u32], is_first: impl Fn(u32) -> bool) -> usize {
+    let (mut first, mut other) = (0, 0);
+    for at in 0..range.len() {
+        let i = range[at];
+        if is_first(i) {
+            range[first] = i;
+            first += 1;
+        } else {
+            others[other] = i;
+            other += 1;
+        }
+    }
+    range[first..].copy_from_slice(&others[..other]);
+    first
 }
 
 fn bin_of(x: f64, low: f64, width: f64) -> usize {

@@ -808,6 +808,40 @@ static oc_scene *scenes(oc_context *c) {
     OK(oc_scene_add_instance(s0, m, 1, NULL));
     INVALID(oc_scene_add_instance(s0, m, 1, NULL)); /* the id is taken */
 
+    oc_scene *inner, *outer;
+    uint64_t path[2], levels, none = OC_NO_ID;
+    double placed[12];
+    OK(oc_scene_create(c, &inner));
+    OK(oc_scene_create(c, &outer));
+    OK(oc_scene_add_instance(inner, m, 3, NULL));
+    OK(oc_scene_commit(inner));
+    INVALID(oc_scene_add_scene(NULL, inner, 1, NULL));
+    INVALID(oc_scene_add_scene(outer, NULL, 1, NULL));
+    INVALID(oc_scene_add_scene(outer, (oc_scene *)(void *)m, 1, NULL));
+    INVALID(oc_scene_add_scene(outer, inner, OC_NO_ID, NULL));
+    INVALID(oc_scene_add_scene(outer, inner, 1, singular));
+    INVALID(oc_scene_add_scene(outer, outer, 1, NULL));
+    OK(oc_scene_add_scene(outer, inner, 1, NULL));
+    INVALID(oc_scene_add_scene(outer, inner, 1, NULL)); /* the id is taken */
+    INVALID(oc_scene_add_instance(outer, m, 1, NULL));
+    INVALID(oc_scene_add_scene(inner, outer, 1, NULL)); /* a cycle */
+    INVALID(oc_scene_set_part_look(outer, 1, 7, &look)); /* it has looks in the inner scene */
+    INVALID(oc_scene_set_model(outer, 1, m));
+    OK(oc_scene_set_instance_look(outer, 1, &look));
+    OK(oc_scene_commit(outer));
+    INVALID(oc_scene_get_path(NULL, 0, path, 2, &levels, placed));
+    INVALID(oc_scene_get_path(outer, none, path, 2, &levels, placed));
+    INVALID(oc_scene_get_path(outer, 0, NULL, 2, &levels, placed));
+    INVALID(oc_scene_get_path(outer, 0, path, 2, NULL, placed));
+    EXPECT(OC_STATUS_BUFFER_TOO_SMALL, oc_scene_get_path(outer, 0, path, 1, &levels, placed));
+    CHECK(levels == 2);
+    OK(oc_scene_get_path(outer, 0, NULL, 0, &levels, NULL));
+    OK(oc_scene_get_path(outer, 0, path, 2, &levels, placed));
+    CHECK(levels == 2 && path[0] == 1 && path[1] == 3 && placed[0] == 1);
+    OK(oc_scene_remove_instance(outer, 1));
+    oc_scene_release(inner);
+    oc_scene_release(outer);
+
     oc_instances many;
     const oc_model *prototypes[2] = {m, NULL};
     const double places[2][12] = {{1, 0, 0, 0, 1, 0, 0, 0, 1, 5, 0, 0}, {1, 0, 0, 0, 1, 0, 0, 0, 1, 9, 0, 0}};
@@ -853,6 +887,18 @@ static oc_scene *scenes(oc_context *c) {
     INVALID(oc_scene_set_transform(s0, 20, places[0])); /* it has a place */
     OK(oc_scene_set_transform(s0, 11, places[0]));
     OK(oc_scene_set_instance_mask(s0, 11, 2));
+    INVALID(oc_scene_set_transforms(NULL, 10, OC_TRANSFORM_AFFINE_F64, places, 2, 0));
+    INVALID(oc_scene_set_transforms(s0, 1, OC_TRANSFORM_AFFINE_F64, places, 1, 0)); /* of no array */
+    INVALID(oc_scene_set_transforms(s0, 11, OC_TRANSFORM_AFFINE_F64, places, 2, 0)); /* only one from there on */
+    INVALID(oc_scene_set_transforms(s0, 10, OC_TRANSFORM_AFFINE_F32, places, 2, 0)); /* another form */
+    INVALID(oc_scene_set_transforms(s0, 10, 7, places, 2, 0));
+    INVALID(oc_scene_set_transforms(s0, 10, OC_TRANSFORM_AFFINE_F64, NULL, 2, 0));
+    INVALID(oc_scene_set_transforms(s0, 10, OC_TRANSFORM_AFFINE_F64, places, UINT64_MAX, 0));
+    INVALID(oc_scene_set_transforms(s0, 10, OC_TRANSFORM_AFFINE_F64, places, 2, 95));
+    INVALID(oc_scene_set_transforms(s0, 10, OC_TRANSFORM_AFFINE_F64, singular, 1, 0));
+    OK(oc_scene_set_transforms(s0, 10, OC_TRANSFORM_AFFINE_F64, places, 2, 0));
+    OK(oc_scene_set_transforms(s0, 10, OC_TRANSFORM_AFFINE_F64, NULL, 0, 0));
+    OK(oc_scene_set_transforms(s0, 20, OC_TRANSFORM_PLACE, &place, 1, sizeof place));
     INVALID(oc_scene_remove_instances(NULL, 10));
     INVALID(oc_scene_remove_instances(s0, 11));
     OK(oc_scene_remove_instances(s0, 10));

@@ -156,3 +156,25 @@ fn a_dash_is_standard_output() {
     assert!(!Path::new(&dir.join("-")).exists());
     assert_eq!(names(dir), ["a.obj", "m.oc", "same.ply", "same.png"]);
 }
+
+/// `render --occurrence` names what the picture shows at a pixel.
+#[test]
+fn a_picture_names_what_it_shows() {
+    let dir = with_model();
+    let at = |pixel: &'static str| {
+        ["render", "m.oc", "-o", "p.png", "--size", "80x60", "--samples", "1", "--occurrence", pixel]
+    };
+    let shown =
+        &json(dir.path(), &[&at("40,30")[..], &["--eye", "0.2,0.3,5", "--at", "0.2,0.2,0"]].concat())["occurrence"];
+    assert_eq!((shown["number"].as_u64(), shown["prim"].as_u64()), (Some(0), Some(0)));
+    assert_eq!((&shown["pixel"][0], &shown["pixel"][1]), (&40.into(), &30.into()));
+    let place: Vec<f64> = shown["world_from_model"].as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect();
+    assert_eq!(place, [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]);
+    let z = shown["position"][2].as_f64().unwrap();
+    assert!(z.abs() < 1e-5, "{z}");
+    let away =
+        &json(dir.path(), &[&at("0,0")[..], &["--eye", "0.2,1.2,50", "--at", "0.2,0.2,0"]].concat())["occurrence"];
+    assert!(away.is_null());
+    fails(dir.path(), &at("80,0"), 2, "outside of 80x60");
+    fails(dir.path(), &at("1;2"), 2, "two whole numbers");
+}

@@ -93,6 +93,36 @@ class Scene(Queries, Clashes, Distances):
             prototype_of=None if which is None else address(which), transforms=address(packed), count=len(packed),
             first_id=whole("first_id", first_id), mask=mask)))
 
+    def add_scene(self, id: int, inner: Scene, transform: ArrayLike | None = None) -> None:
+        """Adds a scene as an instance. Each commit takes it as it was committed last. See `add`.
+
+        Scenes may be in scenes, up to 64 levels, and one scene any number of times.
+        """
+        lib.oc_scene_add_scene(self._h, inner._h, whole("id", id), matrix("transform", transform))
+
+    def path(self, occurrence: int) -> tuple[list[int], Array]:
+        """Returns the way to what a hit met: the ids of the instances, the outermost first, and the (4, 4) matrix that
+        takes the innermost to the world.
+
+        occurrence: `hit["occurrence"]` of a hit since the last commit.
+        """
+        count, world = c.c_uint64(), (c.c_double * 12)()
+        number = whole("occurrence", int(occurrence))
+        lib.oc_scene_get_path(self._h, number, None, 0, c.byref(count), world)
+        listed = (c.c_uint64 * count.value)()
+        lib.oc_scene_get_path(self._h, number, listed, count.value, c.byref(count), None)
+        place = numpy.eye(4)
+        place[:3] = numpy.array(world).reshape(4, 3).T
+        return list(listed), place
+
+    def set_transforms(self, first_id: int, transforms: ArrayLike) -> None:
+        """Moves instances of an array, with the ids first_id, first_id + 1, ...
+
+        transforms: as for `add_instances`, with the dtype of the array's.
+        """
+        packed, form = transforms_of("transforms", transforms)
+        lib.oc_scene_set_transforms(self._h, whole("first_id", first_id), form, address(packed), len(packed), 0)
+
     def remove_instances(self, first_id: int) -> None:
         """Removes all instances that one `add_instances` added, given by the first id."""
         lib.oc_scene_remove_instances(self._h, whole("first_id", first_id))

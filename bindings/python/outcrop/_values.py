@@ -419,6 +419,11 @@ class Hit(Value):
     corners of the triangle, so that coarse facets appear smooth. Where a model has no such normals, and for
     stand-ins, it is `normal`. Miss: 0.
     """
+    occurrence: int = 0
+    """Number of the place at which the mesh was hit, with Want.INSTANCE: it tells the places of one mesh in an
+    instance apart, and the instances of scenes in scenes (oc_scene_get_path). It holds for the commit. Miss:
+    OC_NO_ID.
+    """
 
 
 @dataclass

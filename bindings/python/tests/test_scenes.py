@@ -67,6 +67,12 @@ def test_arrays_of_instances(context: outcrop.Context, tetra: outcrop.Model) -> 
             hits = scene.closest(over, DOWN)
             assert [i for i in range(count) if hits[i]["kind"] == 0] == [3]
             with scene.edit():
+                scene.set_transforms(110, transforms[20:30])
+            assert scene.closest(over, DOWN)["instance"].tolist()[20:22] in ([110, 111], [120, 121])
+            assert not scene.closest(over[10:20], DOWN)["kind"].any()
+            with pytest.raises(outcrop.ArgumentError, match="50 transforms, but 40 instances from 110 on"):
+                scene.set_transforms(110, transforms)
+            with scene.edit():
                 scene.add_instances([tetra, tetra], transforms, model_of=numpy.arange(count) % 2, first_id=1000)
                 scene.remove_instances(100)
             assert scene.closest(over, DOWN)["instance"].tolist() == list(range(1000, 1000 + count))
@@ -82,6 +88,29 @@ def test_arrays_of_instances(context: outcrop.Context, tetra: outcrop.Model) -> 
             scene.add_instances(tetra, affine, first_id=1)
         with pytest.raises(TypeError, match="transforms"):
             scene.add_instances(tetra, numpy.zeros((4, 5)), first_id=1)
+
+
+def test_scenes_in_scenes(context: outcrop.Context, tetra: outcrop.Model) -> None:
+    at = numpy.eye(4)
+    with context.scene([]) as outer, context.scene([tetra]) as inner:
+        with outer.edit():
+            for i in range(3):
+                at[0, 3] = 3 * i
+                outer.add_scene(10 + i, inner, at)
+        over = [(3 * i + 0.1, 0.1, 9) for i in range(3)]
+        hits = outer.closest(over, DOWN)
+        assert hits["instance"].tolist() == [10, 11, 12]
+        ids, place = outer.path(hits[2]["occurrence"])
+        assert ids == [12, 1] and place.tolist() == at.tolist()
+        with inner.edit():
+            inner.set_look(1, hidden=True)
+        assert outer.closest(over, DOWN)["kind"].all()
+        outer.commit()
+        assert not outer.closest(over, DOWN)["kind"].any()
+        with pytest.raises(outcrop.ArgumentError, match="in itself"):
+            inner.add_scene(5, outer)
+        with pytest.raises(outcrop.ArgumentError, match="no occurrence 7"):
+            outer.path(7)
 
 
 def test_instances(context: outcrop.Context, tetra: outcrop.Model, tmp_path: Path) -> None:

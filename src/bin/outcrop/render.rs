@@ -8,7 +8,7 @@ use outcrop::base::error::Error;
 use outcrop::base::output::{Medium, OutputFile, OutputStream};
 use outcrop::base::progress::Cancel;
 use outcrop::render::{Buffer, Frame, FrameOptions, FrameSettings, FrameState, FrameStatus, Mapped};
-use outcrop::scene::{Background, Camera, Context, ContextOptions, Light, LightKind, Model};
+use outcrop::scene::{Background, Camera, Context, ContextOptions, Light, LightKind, Model, SceneState};
 use serde_json::{Value, json};
 use std::io::Cursor;
 use std::path::PathBuf;
@@ -74,9 +74,22 @@ pub struct Args {
     /// by part, which takes longer
     #[arg(long)]
     at_once: bool,
+    /// Also print which place of which mesh the picture shows at a pixel, from the upper left corner: its number, its
+    /// part, and the place of its instance
+    #[arg(long, value_name = "X,Y", value_parser = pixel)]
+    occurrence: Option<(u32, u32)>,
     /// Print one JSON object
     #[arg(long)]
     json: bool,
+}
+
+/// Parses a pixel.
+fn pixel(text: &str) -> Result<(u32, u32), String> {
+    let parsed = text.split_once(',').map(|(x, y)| (x.trim().parse(), y.trim().parse()));
+    match parsed {
+        Some((Ok(x), Ok(y))) => Ok((x, y)),
+        _ => Err("expected two whole numbers X,Y".into()),
+    }
 }
 
 /// Moment at which the picture is taken.
@@ -142,6 +155,10 @@ fn usual_lights(camera: &Camera) -> Vec<Light> {
 /// Runs the command.
 pub fn run(args: &Args) -> Outcome {
     let to = Destination::new(&args.output, "png", "a picture", &[&args.model], true)?;
+    if let Some((x, y)) = args.occurrence.filter(|&(x, y)| x >= args.size.0 || y >= args.size.1) {
+        let (width, height) = args.size;
+        return Err(Error::bad_argument(format!("--occurrence {x},{y} is outside of {width}x{height} pixels")).into());
+    }
     let cancel = common::cancel_on_ctrl_c();
     let defaults = ContextOptions { memory_budget: args.cache, ..ContextOptions::default() };
     let threads = if args.threads == 0 { defaults.threads } else { args.threads };
@@ -195,7 +212,29 @@ pub fn run(args: &Args) -> Outcome {
     let seconds_first = first.get().map_or(status.seconds, |first| first.duration_since(asked).as_secs_f64());
     write_png(&picture, &to)?;
     let seconds = [seconds_open, seconds_first];
-    to.report(args.json, &as_json(args, &camera, seconds, &status), &as_text(args, seconds, &status))
+    let (mut value, mut text) = (as_json(args, &camera, seconds, &status), as_text(args, seconds, &status));
+    if let Some(at) = args.occurrence {
+        let (met, line) = occurrence(&frame, &scene.state(), &model, at)?;
+        value["occurrence"] = met;
+        text = format!("{}\n{line}", text.trim_end());
+    }
+    to.report(args.json, &value, &text)
+}
+
+/// What a picture shows at a pixel, as JSON and as text.
+fn occurrence(frame: &Frame, state: &SceneState, model: &Model, (x, y): (u32, u32)) -> Result<(Value, String), Error> {
+    let hit = frame.pick(x, y)?;
+    let Some((_, place)) = state.path(hit.occurrence) else { return Ok((Value::Null, format!("{x},{y}: nothing"))) };
+    let part = model.parts().iter().find(|part| part.id == hit.part);
+    let name = part.as_ref().map_or("", |part| part.name);
+    let value = json!({
+        "pixel": [x, y], "number": hit.occurrence, "part": hit.part, "name": name, "prim": hit.prim,
+        "position": hit.position.to_array(), "world_from_model": place.to_cols_array(),
+    });
+    let [px, py, pz] = hit.position.to_array();
+    let text =
+        format!("{x},{y}: occurrence {}, part {} {name:?}, at {px:.6} {py:.6} {pz:.6}", hit.occurrence, hit.part);
+    Ok((value, text))
 }
 
 /// Returns the reason why a picture is coarser than requested. The missing bytes are known only for the threshold that

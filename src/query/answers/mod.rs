@@ -289,7 +289,7 @@ impl<const N: usize> Seen<N> {
                 hit.uv = uv;
             }
             if want.has(Want::INSTANCE) {
-                hit.instance = instance;
+                (hit.instance, hit.occurrence) = (instance, at.number.into());
             }
         }
         let looked_at = if want.any_of(Want::SURFACE) { met } else { near_end | inside } & !rest.outside;

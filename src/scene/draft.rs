@@ -1,0 +1,229 @@
+//! The draft of a scene: the content of its next commit.
+
+use super::array::Array;
+use super::context::Context;
+use super::edit::{Scene, no_instance};
+use super::light::{Background, Light};
+use super::looks::{self, Look, PartLooks, PartsShown};
+use super::model::Model;
+use super::state::InstanceState;
+use crate::base::error::{Error, Result};
+use crate::residency::Kept;
+use glam::DAffine3;
+use std::collections::{BTreeMap, HashMap};
+use std::sync::Arc;
+
+/// The content of the next commit.
+pub(super) struct Draft {
+    /// In the order added; removed instances leave `None` until the next commit.
+    pub(super) instances: Vec<Option<Draftee>>,
+    /// Index in `instances` of each id.
+    pub(super) index: HashMap<u64, usize>,
+    pub(super) arrays: Vec<DraftArray>,
+    /// Scenes in this one, in the order added.
+    pub(super) scenes: BTreeMap<u64, DraftScene>,
+    /// The key in `scenes` of each id.
+    pub(super) scene_at: HashMap<u64, u64>,
+    pub(super) lights: Vec<Light>,
+    pub(super) background: Background,
+    /// True if an instance was moved, added or removed since the last commit.
+    pub(super) moved: bool,
+    /// The looks of instances whose parts look as in the file.
+    pub(super) plain: Arc<PartsShown>,
+    /// Number of instances that `memory` pays for.
+    pub(super) paid: usize,
+    pub(super) memory: Kept,
+    /// Bytes of looks of parts that were edited since the last commit, and their charge.
+    pub(super) edited: u64,
+    pub(super) edits: Kept,
+}
+
+#[derive(Clone)]
+pub(super) struct Draftee {
+    pub id: u64,
+    pub model: Model,
+    pub world_from_model: DAffine3,
+    pub state: DraftState,
+}
+
+/// The state of an instance in the next commit.
+#[derive(Clone)]
+pub(super) struct DraftState {
+    pub mask: u32,
+    pub look: Look,
+    pub parts: Arc<PartLooks>,
+    /// Of the last commit.
+    pub shown: Arc<PartsShown>,
+}
+
+/// A scene in this one in the next commit.
+pub(super) struct DraftScene {
+    pub id: u64,
+    pub scene: Scene,
+    pub world_from_scene: DAffine3,
+    pub state: DraftState,
+}
+
+/// An array of instances in the next commit.
+pub(super) struct DraftArray {
+    pub array: Arc<Array>,
+    pub models: Vec<Model>,
+    /// The state of members that have none of their own.
+    pub common: DraftState,
+    pub own: HashMap<u32, DraftState>,
+    /// For the states of its own.
+    pub(super) memory: Kept,
+}
+
+impl DraftArray {
+    /// True if each member has one tree.
+    pub fn has_one_each(&self) -> bool {
+        self.models.iter().all(|model| model.placements().count() == 1)
+    }
+}
+
+impl DraftState {
+    pub(super) fn plain(plain: &Arc<PartsShown>) -> Self {
+        let (shown, parts) = (Arc::clone(plain), Arc::clone(&plain.looks));
+        Self { mask: u32::MAX, look: Look::default(), parts, shown }
+    }
+
+    pub fn committed(&self) -> InstanceState {
+        InstanceState { mask: self.mask, look: self.look, parts: Arc::clone(&self.shown) }
+    }
+
+    /// True if it shows all as it is.
+    pub fn is_plain(&self) -> bool {
+        self.mask == u32::MAX && self.look == Look::default()
+    }
+
+    /// True if looks of parts were edited since the last commit.
+    pub fn has_new_looks(&self) -> bool {
+        !Arc::ptr_eq(&self.parts, &self.shown.looks)
+    }
+}
+
+/// Bytes of the state of a member of its own. The table may be half empty.
+const OWN: usize = 2 * (size_of::<(u32, DraftState)>() + size_of::<(u32, InstanceState)>() + 2);
+
+impl Draft {
+    pub(super) fn draftees(&self) -> impl Iterator<Item = &Draftee> + Clone {
+        self.instances.iter().flatten()
+    }
+
+    /// All states, with the models of those that have looks of parts of their own.
+    pub(super) fn states(&mut self) -> impl Iterator<Item = (&Model, &mut DraftState)> {
+        let singles = self.instances.iter_mut().flatten().map(|it| (&it.model, &mut it.state));
+        let members = self.arrays.iter_mut().flat_map(|it| {
+            let DraftArray { array, models, own, .. } = it;
+            own.iter_mut().map(|(&member, state)| (&models[array.prototype_of(member) as usize], state))
+        });
+        singles.chain(members)
+    }
+
+    /// Fails if one of `count` ids from `first` on is taken.
+    pub(super) fn check_new(&self, first: u64, count: u64) -> Result<()> {
+        let last = first + (count - 1);
+        let of_array = |it: &DraftArray| {
+            let from = it.array.first_id;
+            let to = from + u64::from(it.array.len() - 1);
+            (from <= last && first <= to).then_some(from.max(first))
+        };
+        let single = || {
+            if count <= self.index.len() as u64 {
+                return (first..=last).find(|id| self.index.contains_key(id));
+            }
+            self.index.keys().copied().filter(|id| (first..=last).contains(id)).min()
+        };
+        let in_scene = || self.scene_at.keys().copied().filter(|id| (first..=last).contains(id)).min();
+        match self.arrays.iter().find_map(of_array).or_else(single).or_else(in_scene) {
+            Some(id) => Err(Error::bad_argument(format!("instance {id} already exists"))),
+            None => Ok(()),
+        }
+    }
+
+    /// The array that an id is of, and its member.
+    pub(super) fn member(&self, id: u64) -> Option<(usize, u32)> {
+        self.arrays.iter().enumerate().find_map(|(i, it)| Some((i, it.array.member(id)?)))
+    }
+
+    pub(super) fn refuse_member(&self, id: u64, what: &str) -> Result<()> {
+        match self.member(id) {
+            Some(_) => Err(Error::bad_argument(format!("instance {id} is of an array, and cannot be {what}"))),
+            None => Ok(()),
+        }
+    }
+
+    pub(super) fn scene(&mut self, id: u64) -> Option<&mut DraftScene> {
+        self.scene_at.get(&id).and_then(|key| self.scenes.get_mut(key))
+    }
+
+    pub(super) fn remove_scene(&mut self, id: u64) -> Option<DraftScene> {
+        self.scene_at.remove(&id).and_then(|key| self.scenes.remove(&key))
+    }
+
+    /// The model of an instance.
+    pub(super) fn model(&mut self, id: u64) -> Result<&Model> {
+        if self.scene_at.contains_key(&id) {
+            return Err(Error::bad_argument(format!("instance {id} is a scene: its parts have looks there")));
+        }
+        if let Some((array, member)) = self.member(id) {
+            let it = &self.arrays[array];
+            return Ok(&it.models[it.array.prototype_of(member) as usize]);
+        }
+        Ok(&self.instance(id)?.model)
+    }
+
+    /// The state of an instance, to be edited. A member of an array gets one of its own.
+    pub(super) fn state(&mut self, context: &Context, id: u64) -> Result<&mut DraftState> {
+        if self.scene_at.contains_key(&id) {
+            let it = self.scene(id).ok_or_else(|| no_instance(id))?;
+            return Ok(&mut it.state);
+        }
+        let Some((array, member)) = self.member(id) else { return Ok(&mut self.instance(id)?.state) };
+        let it = &mut self.arrays[array];
+        if !it.own.contains_key(&member) {
+            it.memory.grow_to(context.residency(), looks::WHAT, ((it.own.len() + 1) * OWN) as u64)?;
+        }
+        Ok(it.own.entry(member).or_insert_with(|| it.common.clone()))
+    }
+
+    /// Removes the gaps that removed instances left.
+    pub(super) fn close_gaps(&mut self) {
+        if self.instances.len() == self.index.len() {
+            return;
+        }
+        self.instances.retain(Option::is_some);
+        // The index keeps the memory that is paid for.
+        self.index.clear();
+        self.index.extend(self.instances.iter().flatten().enumerate().map(|(i, instance)| (instance.id, i)));
+    }
+
+    /// Charges the memory of another instance to the budget, for twice as many at a time.
+    pub(super) fn pay_for_another(&mut self, context: &Context) -> Result<()> {
+        if self.instances.len() < self.paid {
+            return Ok(());
+        }
+        // An entry of the index takes up to twice its size, and both grow by doubling.
+        let each = size_of::<Option<Draftee>>() + 2 * (size_of::<(u64, usize)>() + 1);
+        let more = self.paid.max(16) * 2;
+        let memory = context.residency().keep("the instances of a scene", (more * each) as u64)?;
+        let no_memory = |_| Error::NoMemory { what: "the instances of a scene".into(), bytes: (more * each) as u64 };
+        self.instances.try_reserve_exact(more - self.instances.len()).map_err(no_memory)?;
+        self.index.try_reserve(more - self.index.len()).map_err(no_memory)?;
+        (self.paid, self.memory) = (more, memory);
+        Ok(())
+    }
+
+    /// Charges `more` bytes of edited looks to the budget.
+    pub(super) fn pay_for_edit(&mut self, context: &Context, more: u64) -> Result<()> {
+        self.edits.grow_to(context.residency(), looks::WHAT, self.edited + more)?;
+        self.edited += more;
+        Ok(())
+    }
+
+    pub(super) fn instance(&mut self, id: u64) -> Result<&mut Draftee> {
+        let at = self.index.get(&id);
+        at.and_then(|&at| self.instances[at].as_mut()).ok_or_else(|| no_instance(id))
+    }
+}

@@ -1,0 +1,285 @@
+//! Scenes in scenes against the same instances in one scene: the same hits, whatever the depth and the transforms.
+
+use crate::common::built::{self, Part};
+use crate::common::rng::Rng;
+use crate::common::scenes;
+use glam::{DAffine3, DMat3, DQuat, DVec3};
+use outcrop::base::error::Error;
+use outcrop::math::{Cone, DBounds, Ray};
+use outcrop::query::{Hit, HitKind, NONE, NearestOptions, NearestPoint, Policy, QueryOptions, Want};
+use outcrop::scene::{Context, Instances, Look, Model, Scene, SceneState, Transforms};
+use std::sync::Arc;
+
+/// Turned, some mirrored, some sheared.
+fn place(rng: &mut Rng, reach: f64) -> DAffine3 {
+    let turn = DQuat::from_axis_angle(rng.direction(), rng.between(0.0, 3.0));
+    let scale = DVec3::new(rng.between(0.6, 1.2), if rng.one_in(3) { -0.8 } else { 1.0 }, 1.0);
+    let shear =
+        if rng.one_in(3) { DMat3::from_cols(DVec3::X, DVec3::new(0.4, 1.0, 0.0), DVec3::Z) } else { DMat3::IDENTITY };
+    let at = rng.inside(DVec3::splat(-reach), DVec3::splat(reach));
+    DAffine3 { matrix3: DMat3::from_quat(turn) * shear * DMat3::from_diagonal(scale), translation: at }
+}
+
+/// What a scene of one level has: its instances, and their ways.
+type Flat = Vec<(DAffine3, Look, u32, Vec<u64>)>;
+
+/// A scene of so many levels, and its instances in order.
+fn nested(context: &Context, model: &Model, levels: usize, rng: &mut Rng) -> (Scene, Flat) {
+    let scene = Scene::new(context);
+    let reach = 2.0 * 1.6f64.powi(levels as i32);
+    let mut flat: Flat = Vec::new();
+    for id in 0..2 {
+        let (at, look) = (place(rng, reach), Look { selected: rng.one_in(2), ..Look::default() });
+        scene.add_instance(model, id, at).expect("an instance");
+        scene.set_instance_look(id, look).expect("a look");
+        flat.push((at, look, u32::MAX, vec![id]));
+    }
+    let maps: Vec<DAffine3> = (0..3).map(|_| place(rng, reach)).collect();
+    let (prototypes, prototype_of) = (vec![model.clone()], Arc::from([]));
+    let transforms = Transforms::Affine(maps.clone().into());
+    scene.add_instances(&Instances { prototypes, prototype_of, transforms, first_id: 10, mask: 3 }).expect("an array");
+    let hidden = Look { visible: false, ..Look::default() };
+    scene.set_instance_look(11, hidden).expect("a look");
+    for (i, map) in maps.into_iter().enumerate() {
+        flat.push((map, if i == 1 { hidden } else { Look::default() }, 3, vec![10 + i as u64]));
+    }
+    if levels > 1 {
+        let (inner, of_inner) = nested(context, model, levels - 1, rng);
+        for id in 20..22 {
+            let (at, mask) = (place(rng, reach), if id == 20 { u32::MAX } else { 2 });
+            let look = Look { visible: !rng.one_in(5), selected: id == 21, ..Look::default() };
+            scene.add_scene(&inner, id, at).expect("a scene");
+            scene.set_instance_look(id, look).expect("a look");
+            scene.set_instance_mask(id, mask).expect("a mask");
+            for (map, inner, inner_mask, path) in &of_inner {
+                let visible = look.visible && inner.visible;
+                let both = Look { visible, selected: look.selected || inner.selected, ..Look::default() };
+                let path = [id].iter().chain(path).copied().collect();
+                flat.push((at * *map, both, mask & inner_mask, path));
+            }
+        }
+    }
+    scene.commit().expect("a commit");
+    (scene, flat)
+}
+
+fn flattened(context: &Context, model: &Model, flat: &Flat, by: DVec3) -> Scene {
+    let scene = Scene::new(context);
+    for (id, (map, look, mask, _)) in (0..).zip(flat) {
+        let moved = DAffine3 { translation: map.translation + by, ..*map };
+        scene.add_instance(model, id, moved).expect("an instance");
+        scene.set_instance_look(id, *look).expect("a look");
+        scene.set_instance_mask(id, *mask).expect("a mask");
+    }
+    scene.commit().expect("a commit");
+    scene
+}
+
+fn closest(state: &SceneState, rays: &[Ray], coherent: bool) -> Vec<Hit> {
+    let mut hits = vec![Hit::MISS; rays.len()];
+    let options = QueryOptions { coherent, want: Want::ALL, policy: Policy::Exact };
+    state.closest(rays, options, &mut hits).expect("hits");
+    hits
+}
+
+/// Five levels, also 10⁷ from zero: the same hits, occurrences, ways and looks as in one scene. Rounding of the
+/// transforms' products is the only difference.
+#[test]
+fn scenes_in_scenes_are_flattened() {
+    let context = built::context(1);
+    let file = built::parts(&[Part::white(5, scenes::bumpy_sphere(8, 12, 3)), Part::white(6, scenes::sphere(6, 8))]);
+    let model = Model::open(&context, &file.path).expect("a model");
+    for (levels, by) in [(1, DVec3::ZERO), (2, DVec3::ZERO), (5, DVec3::ZERO), (5, DVec3::new(1e7, -2e7, 3e7))] {
+        let (scene, flat) = nested(&context, &model, levels, &mut Rng::new(levels as u64));
+        let outer = Scene::new(&context);
+        outer.add_scene(&scene, 99, DAffine3::from_translation(by)).expect("a scene");
+        outer.commit().expect("a commit");
+        let one = flattened(&context, &model, &flat, by);
+        let (state, one) = (outer.state(), one.state());
+        assert_eq!(state.instance_count(), flat.len());
+        let (mut rng, reach) = (Rng::new(5), 2.0 * 1.6f64.powi(levels as i32));
+        let rays: Vec<Ray> = (0..3000)
+            .map(|i| {
+                let [eye, to] = [2.0, 1.0].map(|k| rng.inside(DVec3::splat(-k * reach), DVec3::splat(k * reach)));
+                let mask = if i % 4 == 0 { 2 } else { u32::MAX };
+                Ray { mask, ..Ray::new(by + eye, (to - eye).as_vec3().normalize()) }
+            })
+            .collect();
+        let size = (by.abs().max_element() + 4.0 * reach) * 1e-6;
+        for coherent in [false, true] {
+            let (a, b) = (closest(&state, &rays, coherent), closest(&one, &rays, coherent));
+            let same = |a: &Hit, b: &Hit| {
+                let alike = (a.kind, a.part, a.prim, a.occurrence) == (b.kind, b.part, b.prim, b.occurrence);
+                alike && (a.kind == HitKind::Miss || (a.t - b.t).abs() < size.max(1e-5))
+            };
+            let differ = a.iter().zip(&b).filter(|(a, b)| !same(a, b)).count();
+            // Rounding decides at the edges of triangles.
+            assert!(differ <= 6, "{levels} levels: {differ} differ");
+            let met: Vec<&Hit> = a.iter().filter(|hit| hit.kind != HitKind::Miss).collect();
+            assert!(met.len() > 60, "{} hits", met.len());
+            for hit in met {
+                assert_eq!(hit.instance, 99);
+                let (path, world_from_model) = state.path(hit.occurrence).expect("a way");
+                let (map, .., ids) = &flat[hit.occurrence as usize];
+                assert_eq!((path[0], &path[1..]), (99, &ids[..]));
+                let moved = DAffine3 { translation: map.translation + by, ..*map };
+                assert!(world_from_model.abs_diff_eq(moved, size * 1e-3));
+            }
+        }
+        let far = flat.len() as u64;
+        assert!(state.path(far).is_none() && state.path(NONE).is_none() && state.path(far - 1).is_some());
+        let points: Vec<DVec3> = rays.iter().take(100).map(|ray| ray.origin).collect();
+        let [a, b] = [&state, &one].map(|state| {
+            let mut out = vec![NearestPoint::MISS; points.len()];
+            state.nearest(&points, &NearestOptions::default(), &mut out).expect("points");
+            out
+        });
+        assert!(a.iter().zip(&b).all(|(a, b)| (a.distance - b.distance).abs() < size.max(1e-6)));
+        let around = DBounds { min: by - reach, max: by + reach };
+        let parts = |state: &SceneState| state.overlap_box(&around).expect("parts").len();
+        // Of all that is in a scene each part is named once.
+        assert!(parts(&state) == 2 && parts(&one) > 2, "{} {}", parts(&state), parts(&one));
+        let wide: Vec<Ray> = rays.iter().map(|ray| Ray { cone: Cone { a: 0.0, b: 0.05 }, ..*ray }).collect();
+        let kinds = |state: &SceneState| {
+            let hits = closest(state, &wide, false);
+            [HitKind::Exact, HitKind::Lod].map(|kind| hits.iter().filter(|hit| hit.kind == kind).count())
+        };
+        let (a, b) = (kinds(&state), kinds(&one));
+        assert!(a[1] > 20 && (0..2).all(|i| a[i].abs_diff(b[i]) < 20), "{a:?} {b:?}");
+    }
+}
+
+/// A commit takes the scenes in it as they were committed last; what began before keeps what it began with.
+#[test]
+fn a_commit_takes_scenes_as_they_are() {
+    let context = built::context(0);
+    let file = built::parts(&[Part::white(5, scenes::cuboid(DVec3::splat(-0.5), DVec3::splat(0.5)))]);
+    let model = Model::open(&context, &file.path).expect("a model");
+    let [outer, middle, inner] = [(); 3].map(|()| Scene::new(&context));
+    inner.add_instance(&model, 1, DAffine3::IDENTITY).expect("an instance");
+    middle.add_scene(&inner, 2, DAffine3::from_translation(DVec3::X * 10.0)).expect("a scene");
+    outer.add_scene(&middle, 3, DAffine3::from_translation(DVec3::Y * 10.0)).expect("a scene");
+    outer.add_scene(&inner, 4, DAffine3::IDENTITY).expect("a scene");
+    let met = |state: &SceneState| {
+        let down = |x, y| Ray::new(DVec3::new(x, y, 9.0), -glam::Vec3::Z);
+        let rays = [down(10.0, 10.0), down(0.0, 0.0), down(12.0, 10.0), down(2.0, 0.0)];
+        closest(state, &rays, false).iter().map(|hit| hit.instance).collect::<Vec<_>>()
+    };
+    // Nothing in it was committed.
+    outer.commit().expect("a commit");
+    assert_eq!(met(&outer.state()), [NONE; 4]);
+    inner.commit().expect("a commit");
+    outer.commit().expect("a commit");
+    assert_eq!(met(&outer.state()), [NONE, 4, NONE, NONE]);
+    middle.commit().expect("a commit");
+    outer.commit().expect("a commit");
+    let before = outer.state();
+    assert_eq!(met(&before), [3, 4, NONE, NONE]);
+    inner.set_transform(1, DAffine3::from_translation(DVec3::X * 2.0)).expect("a transform");
+    inner.commit().expect("a commit");
+    outer.commit().expect("a commit");
+    // The one in the middle still has it as it was.
+    assert_eq!(met(&outer.state()), [3, NONE, NONE, 4]);
+    middle.commit().expect("a commit");
+    outer.set_transform(4, DAffine3::from_translation(DVec3::X * -2.0)).expect("a transform");
+    outer.commit().expect("a commit");
+    assert_eq!(met(&outer.state()), [NONE, 4, 3, NONE]);
+    outer.remove_instance(4).expect("removed");
+    outer.commit().expect("a commit");
+    assert_eq!(met(&outer.state()), [NONE, NONE, 3, NONE]);
+    assert_eq!(met(&before), [3, 4, NONE, NONE]);
+    let bad = |result: outcrop::Result<()>, why: &str| match result {
+        Err(Error::BadArgument(said)) => assert!(said.contains(why), "{said}"),
+        other => panic!("{why}: {other:?}"),
+    };
+    bad(inner.add_scene(&outer, 9, DAffine3::IDENTITY), "in itself");
+    bad(inner.add_scene(&middle, 9, DAffine3::IDENTITY), "in itself");
+    bad(inner.add_scene(&inner, 9, DAffine3::IDENTITY), "in itself");
+    bad(outer.add_scene(&inner, 3, DAffine3::IDENTITY), "instance 3 already exists");
+    bad(outer.add_instance(&model, 3, DAffine3::IDENTITY), "instance 3 already exists");
+    bad(outer.add_scene(&inner, 9, DAffine3::from_scale(DVec3::ZERO)), "singular");
+    bad(outer.add_scene(&Scene::new(&built::context(0)), 9, DAffine3::IDENTITY), "another context");
+    bad(outer.set_part_look(3, 5, Look::default()), "is a scene");
+    bad(outer.clear_part_looks(3), "is a scene");
+    bad(outer.set_model(3, &model), "instance 3");
+    bad(outer.remove_instance(4), "instance 4");
+}
+
+/// Two scenes at each of many levels, each with both of the level below: looked through once each.
+#[test]
+fn scenes_with_many_ways_are_looked_through_once() {
+    let context = built::context(0);
+    let mut below = [Scene::new(&context), Scene::new(&context)];
+    let first = below[0].clone();
+    for _ in 0..60 {
+        let level = [Scene::new(&context), Scene::new(&context)];
+        for outer in &level {
+            for (id, inner) in (0..).zip(&below) {
+                outer.add_scene(inner, id, DAffine3::IDENTITY).expect("a scene");
+            }
+        }
+        below = level;
+    }
+    assert!(matches!(first.add_scene(&below[1], 1, DAffine3::IDENTITY), Err(Error::BadArgument(_))));
+    // There is nothing in them.
+    below[1].commit().expect("a commit");
+    assert_eq!(below[1].state().instance_count(), 0);
+}
+
+/// 64 levels work; more are refused by the commit, and none are too many to drop.
+#[test]
+fn levels_are_limited() {
+    let context = built::context(0);
+    let file = built::parts(&[Part::white(5, scenes::cuboid(DVec3::splat(-0.5), DVec3::splat(0.5)))]);
+    let model = Model::open(&context, &file.path).expect("a model");
+    let mut inner = Scene::new(&context);
+    inner.add_instance(&model, 1, DAffine3::IDENTITY).expect("an instance");
+    inner.commit().expect("a commit");
+    for level in 2..=65 {
+        let outer = Scene::new(&context);
+        outer.add_scene(&inner, level, DAffine3::from_translation(DVec3::X)).expect("a scene");
+        match outer.commit() {
+            Ok(()) => assert!(level <= 64),
+            Err(Error::BadArgument(why)) => assert!(level > 64 && why.contains("64 levels"), "{level}: {why}"),
+            other => panic!("{other:?}"),
+        }
+        if level == 64 {
+            let state = outer.state();
+            let hit = closest(&state, &[Ray::new(DVec3::new(63.0, 0.0, 9.0), -glam::Vec3::Z)], false)[0];
+            assert!((hit.t - 8.5).abs() < 1e-6 && hit.instance == 64, "{hit:?}");
+            let (ids, place) = state.path(hit.occurrence).expect("a way");
+            assert_eq!((ids.len(), ids[62], ids[63], place.translation.x), (64, 2, 1, 63.0));
+        }
+        inner = outer;
+    }
+    for _ in 0..3_000 {
+        let outer = Scene::new(&context);
+        outer.add_scene(&inner, 1, DAffine3::IDENTITY).expect("a scene");
+        inner = outer;
+    }
+    drop(inner);
+}
+
+/// More placed trees than numbers are refused.
+#[test]
+fn too_many_occurrences_are_refused() {
+    let context = built::context(0);
+    let file = built::parts(&[Part::white(5, scenes::cuboid(DVec3::ZERO, DVec3::ONE))]);
+    let model = Model::open(&context, &file.path).expect("a model");
+    let inner = Scene::new(&context);
+    let transforms = Transforms::Affine(vec![DAffine3::IDENTITY; 1 << 16].into());
+    let (prototypes, prototype_of) = (vec![model], Arc::from([]));
+    inner.add_instances(&Instances { prototypes, prototype_of, transforms, first_id: 0, mask: 1 }).expect("an array");
+    inner.commit().expect("a commit");
+    let outer = Scene::new(&context);
+    (0..1 << 15).for_each(|id| outer.add_scene(&inner, id, DAffine3::IDENTITY).expect("a scene"));
+    match outer.commit() {
+        Err(Error::BadArgument(why)) => assert!(why.contains("2^31"), "{why}"),
+        other => panic!("{other:?}"),
+    }
+    outer.remove_instance(0).expect("removed");
+    match outer.commit() {
+        Err(Error::OverBudget { need, have, .. }) => assert!(need > have),
+        other => panic!("{other:?}"),
+    }
+}
