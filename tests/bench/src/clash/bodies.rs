@@ -1,7 +1,6 @@
 //! The bodies of a scene as peers take them: pairs of triangles of two bodies are sought.
 
 use crate::common::scenes;
-use crate::scenes::Mesh;
 use glam::{DAffine3, DVec3, Vec3};
 use outcrop::math::Bounds;
 use parry3d::bounding_volume::Aabb;
@@ -28,27 +27,25 @@ pub struct Bodies {
 }
 
 impl Bodies {
-    /// A body for each part of a mesh.
-    pub fn of_parts(mesh: &Mesh) -> Self {
+    /// A body for each part of some triangles.
+    pub fn of_parts(all: &[[DVec3; 3]], parts: &[u32]) -> Self {
         let mut each: BTreeMap<u32, Body> = BTreeMap::new();
-        for (id, part) in (0..).zip(&mesh.parts) {
-            let corners = mesh.corners(id as usize);
+        for ((id, corners), part) in (0..).zip(all).zip(parts) {
             // Builds leave out what has no area: a segment or a point is no surface.
-            if scenes::has_area(&corners) {
-                each.entry(*part).or_default().push(id, corners);
+            if scenes::has_area(corners) {
+                each.entry(*part).or_default().push(id, *corners);
             }
         }
-        Self { each: each.into_values().collect(), triangles: mesh.triangles.len() }
+        Self { each: each.into_values().collect(), triangles: all.len() }
     }
 
-    /// A body for each place of a mesh.
-    pub fn of_places(mesh: &Mesh, places: &[DAffine3]) -> Self {
-        let count = mesh.triangles.len();
+    /// A body for each place of some triangles.
+    pub fn of_places(all: &[[DVec3; 3]], places: &[DAffine3]) -> Self {
+        let count = all.len();
         let body = |(place, first): (&DAffine3, usize)| {
             let mut body = Body::default();
-            for i in 0..count {
-                let corners = mesh.corners(i);
-                if scenes::has_area(&corners) {
+            for (i, corners) in all.iter().enumerate() {
+                if scenes::has_area(corners) {
                     body.push((first + i) as u32, corners.map(|p| place.transform_point3(p)));
                 }
             }
