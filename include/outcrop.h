@@ -2837,9 +2837,10 @@ void oc_scene_release(struct oc_scene *scene);
  * Adds many instances of a few models at once. Takes effect at oc_scene_commit.
  *
  * The arrays are copied: 96 bytes for an affine transform in doubles, 48 for the other forms, 4 for an index of a
- * prototype. A commit adds 16 bytes, and some 120 for the tree over all instances. The members of the array are
- * instances like those of oc_scene_add_instance, but none can be removed alone or given another model, and one with an
- * oc_place takes no other transform. A mask or a look that is set for one of them takes memory for that one.
+ * prototype. A commit adds 120 bytes for each mesh that is placed, for the tree over all of them. The members of the
+ * array are instances like those of oc_scene_add_instance, but none can be removed alone or given another model, and
+ * one with an oc_place takes another place (oc_scene_set_transforms), but no matrix. A mask or a look that is set for
+ * one of them takes memory for that one.
  *
  * - `instances`: models, transforms and ids.
  *
@@ -2894,7 +2895,7 @@ oc_status oc_scene_remove_instances(struct oc_scene *scene,
  *
  * Each commit of `scene` takes `inner` as it was committed last. Its lights and its background are left out. Scenes
  * may be in scenes, up to 64 levels, and one scene any number of times. What is in `inner` counts as placed meshes of
- * `scene` each time, 130 bytes each. The mask and the look of the instance apply to all in it: colours that `inner`
+ * `scene` each time, 120 bytes each. The mask and the look of the instance apply to all in it: colours that `inner`
  * sets have precedence. Its parts have looks in `inner` only.
  *
  * - `inner`: another scene of the same context.

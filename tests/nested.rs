@@ -1,12 +1,13 @@
 //! Scenes in scenes against the same instances in one scene: the same hits, whatever the depth and the transforms.
 
+use crate::common::asked::ask;
 use crate::common::built::{self, Part};
 use crate::common::rng::Rng;
 use crate::common::scenes;
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 use outcrop::base::error::Error;
 use outcrop::math::{Cone, DBounds, Ray};
-use outcrop::query::{Hit, HitKind, NONE, NearestOptions, NearestPoint, Policy, QueryOptions, Want};
+use outcrop::query::{Hit, HitKind, NONE, NearestOptions, NearestPoint, QueryOptions};
 use outcrop::scene::{Context, Instances, Look, Model, Scene, SceneState, Transforms};
 use std::sync::Arc;
 
@@ -76,10 +77,7 @@ fn flattened(context: &Context, model: &Model, flat: &Flat, by: DVec3) -> Scene 
 }
 
 fn closest(state: &SceneState, rays: &[Ray], coherent: bool) -> Vec<Hit> {
-    let mut hits = vec![Hit::MISS; rays.len()];
-    let options = QueryOptions { coherent, want: Want::ALL, policy: Policy::Exact };
-    state.closest(rays, options, &mut hits).expect("hits");
-    hits
+    ask(state, rays, QueryOptions { coherent, ..QueryOptions::default() })
 }
 
 /// Five levels, also 10⁷ from zero: the same hits, occurrences, ways and looks as in one scene. Rounding of the
@@ -203,6 +201,27 @@ fn a_commit_takes_scenes_as_they_are() {
     bad(outer.clear_part_looks(3), "is a scene");
     bad(outer.set_model(3, &model), "instance 3");
     bad(outer.remove_instance(4), "instance 4");
+}
+
+/// Each transform alone is sound, all together are not.
+#[test]
+fn transforms_that_are_singular_together_are_refused() {
+    let context = built::context(0);
+    let file = built::parts(&[Part::white(5, scenes::cuboid(DVec3::splat(-0.5), DVec3::splat(0.5)))]);
+    let model = Model::open(&context, &file.path).expect("a model");
+    for scale in [DVec3::new(1e-9, 1.0, 1.0), DVec3::splat(1e90)] {
+        let [outer, inner] = [(); 2].map(|()| Scene::new(&context));
+        inner.add_instance(&model, 1, DAffine3::from_scale(scale)).expect("an instance");
+        inner.commit().expect("a commit");
+        outer.add_scene(&inner, 7, DAffine3::from_scale(scale)).expect("a scene");
+        match outer.commit() {
+            Err(Error::BadArgument(why)) => assert!(why.contains("scene 7"), "{why}"),
+            other => panic!("{other:?}"),
+        }
+        assert_eq!(outer.state().instance_count(), 0);
+        outer.set_transform(7, DAffine3::IDENTITY).expect("a transform");
+        outer.commit().expect("a commit");
+    }
 }
 
 /// Two scenes at each of many levels, each with both of the level below: looked through once each.

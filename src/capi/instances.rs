@@ -81,23 +81,23 @@ struct Given {
 /// `given` describes an array of the form that it names, which is readable.
 unsafe fn copied(given: &Given) -> Checked<Transforms> {
     // SAFETY: the caller's contract, for each form.
-    unsafe fn all<T: Copy, U>(given: &Given, of: impl Fn(T) -> U) -> Checked<Arc<[U]>> {
+    unsafe fn all<T: Copy, U>(given: &Given, of: impl Fn(T) -> Checked<U>) -> Checked<Arc<[U]>> {
         let from = Strided::new(given.transforms.cast::<T>(), given.count, given.stride, "transforms")?;
         // SAFETY: the caller's contract; each index is below the count.
-        Ok((0..from.count).map(|i| of(unsafe { from.get(i) })).collect())
+        (0..from.count).map(|i| of(unsafe { from.get(i) })).collect()
     }
     // SAFETY: the caller's contract.
     unsafe {
         match given.form {
             OC_TRANSFORM_AFFINE_F64 => {
-                let affine = |columns: [f64; 12]| DAffine3::from_cols_array(&columns);
+                let affine = |columns: [f64; 12]| Ok(DAffine3::from_cols_array(&columns));
                 Ok(Transforms::Affine(all(given, affine)?))
             }
-            OC_TRANSFORM_AFFINE_F32 => Ok(Transforms::Affine32(all(given, |columns: [f32; 12]| columns)?)),
+            OC_TRANSFORM_AFFINE_F32 => Ok(Transforms::Affine32(all(given, |columns: [f32; 12]| Ok(columns))?)),
             OC_TRANSFORM_PLACE => {
                 let place = |it: oc_place| {
-                    let oc_place { position, rotation, scale, reserved } = it;
-                    Place { position: DVec3::from_array(position), rotation, scale, reserved }
+                    reserved(it.reserved, "oc_place.reserved")?;
+                    Ok(Place { position: DVec3::from_array(it.position), rotation: it.rotation, scale: it.scale })
                 };
                 Ok(Transforms::Places(all(given, place)?))
             }
@@ -109,9 +109,10 @@ unsafe fn copied(given: &Given) -> Checked<Transforms> {
 /// Adds many instances of a few models at once. Takes effect at oc_scene_commit.
 ///
 /// The arrays are copied: 96 bytes for an affine transform in doubles, 48 for the other forms, 4 for an index of a
-/// prototype. A commit adds 16 bytes, and some 120 for the tree over all instances. The members of the array are
-/// instances like those of oc_scene_add_instance, but none can be removed alone or given another model, and one with an
-/// oc_place takes no other transform. A mask or a look that is set for one of them takes memory for that one.
+/// prototype. A commit adds 120 bytes for each mesh that is placed, for the tree over all of them. The members of the
+/// array are instances like those of oc_scene_add_instance, but none can be removed alone or given another model, and
+/// one with an oc_place takes another place (oc_scene_set_transforms), but no matrix. A mask or a look that is set for
+/// one of them takes memory for that one.
 ///
 /// - `instances`: models, transforms and ids.
 ///

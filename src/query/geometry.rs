@@ -297,9 +297,13 @@ impl SceneState {
         if ids.contains(&super::hit::NONE) || !hit.position.is_finite() {
             return wrong("it needs a position, and the ids of instance, part and primitive");
         }
-        for placed in self.all_placed() {
+        for number in 0..self.placement.len() as u32 {
             cancel.check()?;
-            if self.instance_id(placed.instance) != hit.instance || !holds(&placed.bounds, hit.position) {
+            if self.instance_id(self.ids_of(number).instance) != hit.instance {
+                continue;
+            }
+            let placed = self.placed(number);
+            if !holds(&placed.bounds, hit.position) {
                 continue;
             }
             let model = &self.models[placed.model as usize];

@@ -55,23 +55,23 @@ impl Members {
     /// The visible members of `set`. Fails with `BadArgument` for an instance or part that the scene lacks.
     pub fn of(scene: &SceneState, set: &PartSet, name: &str) -> Result<Self> {
         let mut all: Vec<Of> = (0..scene.instance_count()).map(|_| Of::None).collect();
+        let (ids, everywhere) = (scene.instance_ids(), 0..all.len() as u32);
         for entry in &set.entries {
             let mut is_known = false;
-            for (instance, of) in (0..).zip(&mut all) {
-                let own_id = || scene.instance_id(instance);
-                match *entry {
-                    Entry::All => (*of, is_known) = (Of::All, true),
-                    Entry::Instance(id) if id == own_id() => (*of, is_known) = (Of::All, true),
-                    Entry::Instance(_) => {}
-                    Entry::Part(of_instance, part) => {
-                        if of_instance.is_none_or(|id| id == own_id()) {
-                            let model = scene.model_of_instance(instance);
-                            if let Some(part) = model.part_index(part) {
-                                of.add(&model.parts().with_all_below(part));
-                                is_known = true;
-                            }
-                        }
-                    }
+            let instances = match *entry {
+                Entry::All | Entry::Part(None, _) => everywhere.clone(),
+                Entry::Instance(id) | Entry::Part(Some(id), _) => ids.with(id),
+            };
+            for instance in instances {
+                let of = &mut all[instance as usize];
+                let Entry::Part(_, part) = *entry else {
+                    (*of, is_known) = (Of::All, true);
+                    continue;
+                };
+                let model = scene.model_of_instance(instance);
+                if let Some(part) = model.part_index(part) {
+                    of.add(&model.parts().with_all_below(part));
+                    is_known = true;
                 }
             }
             match *entry {

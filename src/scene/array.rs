@@ -1,7 +1,7 @@
 //! Arrays of instances: many instances of a few models, with a transform each and next to nothing else.
 
 use super::model::Model;
-use super::placed::{check_transform, check_turn};
+use super::placed::check_transform;
 use crate::base::error::{Error, Result};
 use crate::residency::{Kept, Residency};
 use glam::{DAffine3, DMat3, DQuat, DVec3};
@@ -9,7 +9,6 @@ use std::sync::Arc;
 
 /// A position with a rotation and a scale, in 48 bytes.
 #[derive(Debug, Clone, Copy, PartialEq)]
-#[repr(C)]
 pub struct Place {
     /// The place of the model's origin, in world space.
     pub position: DVec3,
@@ -17,8 +16,6 @@ pub struct Place {
     pub rotation: [f32; 4],
     /// Scale along all axes: finite, not 0. Below 0 it mirrors at the origin.
     pub scale: f32,
-    /// Must be 0.
-    pub reserved: u32,
 }
 
 impl Place {
@@ -58,20 +55,12 @@ impl Transforms {
 
     /// Bytes of memory.
     fn bytes(&self) -> u64 {
-        let each = match self {
-            Self::Affine(_) => size_of::<DAffine3>(),
-            Self::Affine32(_) | Self::Places(_) => size_of::<Place>(),
+        let bytes = match self {
+            Self::Affine(all) => size_of_val(&**all),
+            Self::Affine32(all) => size_of_val(&**all),
+            Self::Places(all) => size_of_val(&**all),
         };
-        (self.len() * each) as u64
-    }
-
-    /// A copy in memory of its own.
-    fn copied(&self) -> Self {
-        match self {
-            Self::Affine(all) => Self::Affine(all.iter().copied().collect()),
-            Self::Affine32(all) => Self::Affine32(all.iter().copied().collect()),
-            Self::Places(all) => Self::Places(all.iter().copied().collect()),
-        }
+        bytes as u64
     }
 
     /// Transform `i`.
@@ -84,11 +73,24 @@ impl Transforms {
         }
     }
 
-    fn check(&self, i: usize) -> Result<()> {
-        match self {
-            Self::Places(all) => check_turn(&all[i].affine()),
-            _ => check_transform(&self.get(i)),
+    /// Fails with `BadArgument`, which names the first transform that is wrong, after `what`.
+    fn check(&self, what: &str) -> Result<()> {
+        (0..self.len()).try_for_each(|i| match check_transform(&self.get(i)) {
+            Err(Error::BadArgument(why)) => Err(Error::BadArgument(format!("{what} {i}: {why}"))),
+            other => other,
+        })
+    }
+
+    /// Overwrites transforms from `first` on. Fails with `BadArgument` for those of another form.
+    fn overwrite(&mut self, first: usize, by: &Self) -> Result<()> {
+        let range = first..first + by.len();
+        match (self, by) {
+            (Self::Affine(all), Self::Affine(by)) => Arc::make_mut(all)[range].copy_from_slice(by),
+            (Self::Affine32(all), Self::Affine32(by)) => Arc::make_mut(all)[range].copy_from_slice(by),
+            (Self::Places(all), Self::Places(by)) => Arc::make_mut(all)[range].copy_from_slice(by),
+            _ => return Err(Error::bad_argument("the instances of the array have transforms of another form")),
         }
+        Ok(())
     }
 }
 
@@ -138,12 +140,7 @@ impl Array {
         if first_id.checked_add(count as u64).is_none() {
             return bad(format!("{count} ids from {first_id} on are too many"));
         }
-        for i in 0..count {
-            match transforms.check(i) {
-                Err(Error::BadArgument(why)) => return bad(format!("instance {i}: {why}")),
-                other => other?,
-            }
-        }
+        transforms.check("instances: instance")?;
         let (prototype_of, transforms) = (Arc::clone(prototype_of), transforms.clone());
         let mut array = Self { prototype_of, transforms, first_id: *first_id, _memory: Kept::default() };
         array._memory = residency.keep(WHAT, array.bytes())?;
@@ -174,7 +171,7 @@ impl Array {
     }
 
     /// The index of each member's prototype.
-    pub fn models(&self) -> impl Iterator<Item = usize> {
+    pub fn prototypes(&self) -> impl Iterator<Item = usize> {
         (0..self.len()).map(|member| self.prototype_of(member) as usize)
     }
 
@@ -182,28 +179,15 @@ impl Array {
     /// counts against the budget too. Fails with `BadArgument` for transforms of another form, or for the first that is
     /// wrong, and with `OverBudget`.
     pub fn replace(this: &mut Arc<Self>, first: u32, by: &Transforms, residency: &Residency) -> Result<()> {
-        for i in 0..by.len() {
-            match by.check(i) {
-                Err(Error::BadArgument(why)) => return Err(Error::BadArgument(format!("transform {i}: {why}"))),
-                other => other?,
-            }
+        by.check("transform")?;
+        if let Some(own) = Arc::get_mut(this) {
+            return own.transforms.overwrite(first as usize, by);
         }
-        if std::mem::discriminant(&this.transforms) != std::mem::discriminant(by) {
-            return Err(Error::bad_argument("the instances of the array have transforms of another form"));
-        }
-        if Arc::get_mut(this).is_none() {
-            let memory = residency.keep(WHAT, this.bytes())?;
-            let (prototype_of, transforms) = (Arc::clone(&this.prototype_of), this.transforms.copied());
-            *this = Arc::new(Self { prototype_of, transforms, first_id: this.first_id, _memory: memory });
-        }
-        let Some(own) = Arc::get_mut(this) else { return Ok(()) };
-        let range = first as usize..first as usize + by.len();
-        match (&mut own.transforms, by) {
-            (Transforms::Affine(all), Transforms::Affine(by)) => Arc::make_mut(all)[range].copy_from_slice(by),
-            (Transforms::Affine32(all), Transforms::Affine32(by)) => Arc::make_mut(all)[range].copy_from_slice(by),
-            (Transforms::Places(all), Transforms::Places(by)) => Arc::make_mut(all)[range].copy_from_slice(by),
-            _ => {}
-        }
+        let memory = residency.keep(WHAT, this.bytes())?;
+        // The first write copies them.
+        let (prototype_of, mut transforms) = (Arc::clone(&this.prototype_of), this.transforms.clone());
+        transforms.overwrite(first as usize, by)?;
+        *this = Arc::new(Self { prototype_of, transforms, first_id: this.first_id, _memory: memory });
         Ok(())
     }
 

@@ -4,7 +4,7 @@ use super::draft::{Draft, DraftArray, DraftScene, DraftState};
 use super::edit::Scene;
 use super::looks::PartsShown;
 use super::model::Model;
-use super::placed::{Measures, Placed};
+use super::placed::{Measures, Placed, check_transform};
 use super::placement::{PlacedArray, PlacedIds, PlacedScene, Placement, Prototype};
 use super::state::{ArrayStates, Instance, InstanceState, SceneState, States};
 use super::top::TopTree;
@@ -51,7 +51,8 @@ impl Scene {
         // Only little memory is not counted.
         let counts = all_looks > UNCOUNTED;
         // The sum of all, so that the error names a budget that suffices for the whole commit.
-        let needs = if counts { new_looks } else { 0 } + counted(bytes) + counted(placing.bytes);
+        let counted_looks = if counts { new_looks } else { 0 };
+        let needs = counted_looks + counted(bytes) + counted(placing.bytes);
         self.context().residency().check_room("a scene", needs)?;
         // Blocks are searched anew only where looks of parts have changed.
         for (model, it) in draft.states().filter(|(_, it)| it.has_new_looks()) {
@@ -137,7 +138,7 @@ impl Placing {
             let trees: usize = if it.has_one_each() {
                 it.array.len() as usize
             } else {
-                it.array.models().map(|at| of_models[at]).sum()
+                it.array.prototypes().map(|at| of_models[at]).sum()
             };
             let starts = if it.has_one_each() { 0 } else { it.array.len() as usize + 1 };
             let prototypes: u64 = it.models.iter().map(Prototype::bytes).sum();
@@ -203,9 +204,13 @@ impl Placing {
             let (first, first_instance) = (hits.len() as u32, placement.instance_count() as u32);
             let (id, world_from_scene, scene) = (it.id, it.world_from_scene, Arc::clone(inner));
             let mut measures = room(inner.placement.len(), what)?;
-            measures.extend(
-                inner.all_placed().map(|placed| Measures::of(&(world_from_scene * placed.world_from_mesh()).matrix3)),
-            );
+            for placed in inner.all_placed() {
+                let map = world_from_scene * placed.world_from_mesh();
+                let why =
+                    |_| Error::bad_argument(format!("scene {id}: all transforms down to an instance are singular"));
+                check_transform(&map).map_err(why)?;
+                measures.push(Measures::of(&map.matrix3));
+            }
             let count = measures.len() as u32;
             let placed = PlacedScene { id, first, first_instance, scene, world_from_scene, models, measures };
             (first..first + count).for_each(|number| add(&placed.placed(number), &mut hits));
@@ -237,14 +242,14 @@ fn placed_array(it: &DraftArray, models: &[u32], [first, first_instance]: [u32; 
     if !it.has_one_each() {
         starts = room(array.len() as usize + 1, what)?;
         count = 0;
-        for at in array.models() {
+        for at in array.prototypes() {
             starts.push(count as u32);
             count += prototypes[at].places.len();
         }
         starts.push(count as u32);
     }
     let mut measures = room(count, what)?;
-    for (member, at) in (0..).zip(array.models()) {
+    for (member, at) in (0..).zip(array.prototypes()) {
         let world_from_model = array.transform(member);
         for (.., model_from_mesh) in &prototypes[at].places {
             measures.push(Measures::of(&(world_from_model * *model_from_mesh).matrix3));

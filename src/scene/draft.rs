@@ -11,6 +11,7 @@ use crate::base::error::{Error, Result};
 use crate::residency::Kept;
 use glam::DAffine3;
 use std::collections::{BTreeMap, HashMap};
+use std::ops::RangeInclusive;
 use std::sync::Arc;
 
 /// The content of the next commit.
@@ -103,6 +104,14 @@ impl DraftState {
     }
 }
 
+/// The first of some ids that is a key.
+fn first_in<V>(keys: &HashMap<u64, V>, mut ids: RangeInclusive<u64>) -> Option<u64> {
+    if ids.end() - ids.start() < keys.len() as u64 {
+        return ids.find(|id| keys.contains_key(id));
+    }
+    keys.keys().copied().filter(|id| ids.contains(id)).min()
+}
+
 /// Bytes of the state of a member of its own. The table may be half empty.
 const OWN: usize = 2 * (size_of::<(u32, DraftState)>() + size_of::<(u32, InstanceState)>() + 2);
 
@@ -129,14 +138,9 @@ impl Draft {
             let to = from + u64::from(it.array.len() - 1);
             (from <= last && first <= to).then_some(from.max(first))
         };
-        let single = || {
-            if count <= self.index.len() as u64 {
-                return (first..=last).find(|id| self.index.contains_key(id));
-            }
-            self.index.keys().copied().filter(|id| (first..=last).contains(id)).min()
-        };
-        let in_scene = || self.scene_at.keys().copied().filter(|id| (first..=last).contains(id)).min();
-        match self.arrays.iter().find_map(of_array).or_else(single).or_else(in_scene) {
+        let in_arrays = self.arrays.iter().find_map(of_array);
+        let alone = || first_in(&self.index, first..=last).or_else(|| first_in(&self.scene_at, first..=last));
+        match in_arrays.or_else(alone) {
             Some(id) => Err(Error::bad_argument(format!("instance {id} already exists"))),
             None => Ok(()),
         }

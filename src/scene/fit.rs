@@ -159,8 +159,9 @@ impl SceneState {
     /// Returns the chosen parts by the index of their instance; `None` stands for all parts.
     fn chosen(&self, chosen: &[Chosen], scope: Scope) -> Result<Vec<(u32, Option<Vec<u32>>)>> {
         let mut by_instance: HashMap<u32, Option<Vec<u64>>> = HashMap::new();
+        let ids = self.instance_ids();
         for one in chosen {
-            let instances = self.instances_with(one.instance);
+            let instances = ids.with(one.instance);
             if instances.is_empty() {
                 return Err(Error::bad_argument(format!("fit: instance {} does not exist", one.instance)));
             }

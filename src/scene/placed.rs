@@ -102,12 +102,6 @@ const BEYOND: f64 = 1.0 / 262_144.0;
 /// The greatest ratio of singular values of a transform.
 const MOST_SKEW: f64 = 1e12;
 
-/// Rejects rotations with a scale that are not finite or have no inverse.
-pub(super) fn check_turn(m: &DAffine3) -> Result<()> {
-    let fine = m.is_finite() && m.matrix3.inverse().is_finite();
-    if fine { Ok(()) } else { Err(Error::bad_argument("the rotation or the scale is 0 or not finite")) }
-}
-
 /// Rejects transforms that are not finite, singular, or so close to singular that double precision fails.
 pub(crate) fn check_transform(m: &DAffine3) -> Result<()> {
     let inverse = m.matrix3.inverse();

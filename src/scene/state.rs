@@ -5,7 +5,7 @@ use super::light::{Background, Light};
 use super::looks::{Look, PartsShown};
 use super::model::Model;
 use super::placed::Placed;
-use super::placement::{Holder, PlacedIds, Placement};
+use super::placement::{Holder, PlacedIds, PlacedScene, Placement};
 use crate::math::DBounds;
 use crate::residency::Kept;
 use crate::structure::ShownBlocks;
@@ -223,16 +223,14 @@ impl SceneState {
         is_in_one.then(|| self.placement.holder_of_instance(instance).1)
     }
 
-    /// The numbers of the instances with an id: several are of a scene in this one. Empty if there are none.
-    pub(crate) fn instances_with(&self, id: u64) -> Range<u32> {
-        let one = |at: u32| at..at + 1;
-        if let Some(member) = self.placement.member_with(id) {
-            return one(member);
-        }
-        if let Some(it) = self.placement.scenes.iter().find(|it| it.id == id) {
-            return it.first_instance..it.first_instance + it.scene.instance_count() as u32;
-        }
-        self.singles.iter().position(|single| single.id == id).map_or(0..0, |at| one(at as u32))
+    /// An index of the caller's ids, for several questions. It takes time in proportion to the instances that are of no
+    /// array.
+    pub(crate) fn instance_ids(&self) -> InstanceIds<'_> {
+        let singles = (0..).zip(&self.singles).map(|(at, single)| (single.id, at..at + 1));
+        let of_scene =
+            |it: &PlacedScene| (it.id, it.first_instance..it.first_instance + it.scene.instance_count() as u32);
+        let index = singles.chain(self.placement.scenes.iter().map(of_scene)).collect();
+        InstanceIds { placement: &self.placement, index }
     }
 
     /// Bounds of all instances, hidden ones too, in world space; empty if there are none.
@@ -267,5 +265,20 @@ impl SceneState {
     /// Bytes of its models' blocks in memory.
     pub(crate) fn resident_bytes(&self) -> u64 {
         self.models.iter().map(|m| m.memory().resident).sum()
+    }
+}
+
+/// The instances with each of the caller's ids.
+pub(crate) struct InstanceIds<'a> {
+    placement: &'a Placement,
+    /// Of those that are of no array.
+    index: HashMap<u64, Range<u32>>,
+}
+
+impl InstanceIds<'_> {
+    /// The numbers of the instances with an id: several are of a scene in this one. Empty if there are none.
+    pub fn with(&self, id: u64) -> Range<u32> {
+        let of_array = || self.placement.member_with(id).map(|member| member..member + 1);
+        self.index.get(&id).cloned().or_else(of_array).unwrap_or(0..0)
     }
 }

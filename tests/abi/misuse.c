@@ -845,7 +845,8 @@ static oc_scene *scenes(oc_context *c) {
     oc_instances many;
     const oc_model *prototypes[2] = {m, NULL};
     const double places[2][12] = {{1, 0, 0, 0, 1, 0, 0, 0, 1, 5, 0, 0}, {1, 0, 0, 0, 1, 0, 0, 0, 1, 9, 0, 0}};
-    const oc_place place = {{1, 2, 3}, {0, 0, 0, 1}, 1, 0}, no_scale = {{1, 2, 3}, {0, 0, 0, 1}, 0, 0};
+    const oc_place place = {{1, 2, 3}, {0, 0, 0, 1}, 1, 0}, no_scale = {{1, 2, 3}, {0, 0, 0, 1}, 0, 0},
+                   reserved = {{1, 2, 3}, {0, 0, 0, 1}, 1, 1};
     const uint32_t zero_one[2] = {0, 1};
     OC_INIT(&many);
     INVALID(oc_scene_add_instances(s0, &many)); /* none */
@@ -881,6 +882,8 @@ static oc_scene *scenes(oc_context *c) {
     many.count = 1, many.first_id = 20, many.transforms = singular;
     INVALID(oc_scene_add_instances(s0, &many));
     many.form = OC_TRANSFORM_PLACE, many.transforms = &no_scale;
+    INVALID(oc_scene_add_instances(s0, &many));
+    many.transforms = &reserved;
     INVALID(oc_scene_add_instances(s0, &many));
     many.transforms = &place;
     OK(oc_scene_add_instances(s0, &many));

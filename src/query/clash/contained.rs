@@ -5,7 +5,6 @@ use super::facts::{Found, PairKey};
 use super::task::{PartKey, Task, near_pairs};
 use crate::base::error::Result;
 use crate::math::DBounds;
-use crate::query::inside::Holds;
 use glam::DVec3;
 use std::collections::BTreeMap;
 
@@ -45,15 +44,11 @@ pub(super) fn search(task: &Task, found: &Found) -> Result<BTreeMap<PairKey, DVe
     }
     let mut contained = BTreeMap::new();
     let inner: Vec<(usize, Vec<usize>)> = inner.into_iter().collect();
-    scene.parts_at(&points, &mut |at, holders| {
+    scene.parts_around(&points, &mut |at, holders| {
         let (inside, outers) = &inner[at];
         for &outer in outers {
             let [a, b] = [parts[outer].0, parts[*inside].0];
-            let (instance, id) = (scene.instance_id(a[0]), scene.model_of_instance(a[0]).parts().id(a[1] as usize));
-            let is_inside = holders
-                .iter()
-                .any(|holder| holder.holds == Holds::Inside && holder.instance == instance && Some(holder.part) == id);
-            if is_inside {
+            if holders.iter().any(|&(instance, part, winding)| [instance, part] == a && winding != 0) {
                 contained.insert(if a < b { [a, b] } else { [b, a] }, points[at]);
             }
         }
