@@ -15,6 +15,7 @@ use crate::record::{Against, Clashed, Outcomes, Record};
 use crate::trace::Task;
 use bodies::{Bodies, Pair};
 use glam::{DAffine3, DVec3};
+use outcrop::base::error::Error;
 use outcrop::base::progress::{Cancel, Progress};
 use outcrop::geom::pairs::{Relation, relate};
 use outcrop::query::clash::{ClashDetail, ClashKind, ClashOptions, ClashRules, ClashSummary};
@@ -22,6 +23,7 @@ use outcrop::scene::{Context, ContextOptions, Model, SceneState};
 use rivals::{Rival, rivals};
 use std::fmt::Write;
 use std::ops::Range;
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed};
 use std::time::Duration;
@@ -229,7 +231,7 @@ pub fn measure(task: &mut Task) -> Result<Vec<Record>, Failure> {
         add(task, &format!("{threads} threads"), Clashed { against, ..mine("parts", threads, &pairs.a) });
     }
     for &share in &task.benchmark.budget_shares {
-        let budget = ours.model.memory().geometry / share;
+        let budget = least_budget(&search.stored.path, ours.model.memory().geometry / share)?;
         let whole = OutOfCore::new(search, 0)?.run(search, &summary)?;
         let mut runs = Vec::new();
         let mut a = || {
@@ -253,6 +255,15 @@ pub fn measure(task: &mut Task) -> Result<Vec<Record>, Failure> {
         add(task, &format!("budget 1 of {share}"), found);
     }
     Ok(records)
+}
+
+/// The budget, or that in which the model opens at least: of a small one that may be more than the share.
+fn least_budget(path: &Path, memory_budget: u64) -> Result<u64, Failure> {
+    let options = ContextOptions { threads: 0, memory_budget, read_ahead: false, ..ContextOptions::default() };
+    match Model::open_cold(&Context::new(options)?, path) {
+        Err(Error::OverBudget { need, .. }) => Ok(need),
+        opened => Ok(opened.map(|_| memory_budget)?),
+    }
 }
 
 /// A model with nothing in memory, and a count of the reads of each block.
