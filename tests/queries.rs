@@ -87,7 +87,7 @@ fn only_what_is_asked_is_filled() {
     let bare = hit(Want::NOTHING);
     assert_eq!(bare, Hit { t: bare.t, kind: HitKind::Exact, ..Hit::MISS });
     assert_eq!(hit(Want::PART), Hit { part: 42, ..bare });
-    assert_eq!(hit(Want::INSTANCE), Hit { instance: 7, ..bare });
+    assert_eq!(hit(Want::INSTANCE), Hit { instance: 7, occurrence: 0, ..bare });
     assert_ne!(hit(Want::PRIM).prim, NONE);
     let all = hit(Want::ALL);
     assert!((all.t - bare.t).abs() < 1e-5 && all.error > 0.0 && all.error < 1e-6);

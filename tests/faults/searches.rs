@@ -103,5 +103,5 @@ fn searches_of_a_damaged_file_end() {
             Err(other) => panic!("block {id}: {other}"),
         }
     }
-    assert!(failed > 2, "{failed} failed");
+    assert!(failed > 1, "{failed} failed");
 }
