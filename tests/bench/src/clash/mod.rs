@@ -15,10 +15,11 @@ use crate::record::{Against, Clashed, Outcomes, Record};
 use crate::trace::Task;
 use bodies::{Bodies, Pair};
 use glam::{DAffine3, DVec3};
+use outcrop::base::error::Error;
 use outcrop::base::progress::{Cancel, Progress};
 use outcrop::geom::pairs::{Relation, relate};
 use outcrop::query::clash::{ClashDetail, ClashKind, ClashOptions, ClashRules, ClashSummary};
-use outcrop::scene::{Context, ContextOptions, Model, SceneState};
+use outcrop::scene::{Context, ContextOptions, Model, Scene, SceneState};
 use rivals::{Rival, rivals};
 use std::fmt::Write;
 use std::ops::Range;
@@ -229,7 +230,7 @@ pub fn measure(task: &mut Task) -> Result<Vec<Record>, Failure> {
         add(task, &format!("{threads} threads"), Clashed { against, ..mine("parts", threads, &pairs.a) });
     }
     for &share in &task.benchmark.budget_shares {
-        let budget = ours.model.memory().geometry / share;
+        let budget = least_budget(search, ours.model.memory().geometry / share)?;
         let whole = OutOfCore::new(search, 0)?.run(search, &summary)?;
         let mut runs = Vec::new();
         let mut a = || {
@@ -255,6 +256,26 @@ pub fn measure(task: &mut Task) -> Result<Vec<Record>, Failure> {
     Ok(records)
 }
 
+/// The budget, or the least one in which the model opens and is searched: of a small one that is more than a share.
+fn least_budget(search: &Search, mut budget: u64) -> Result<u64, Failure> {
+    loop {
+        let tried = OutOfCore::context(budget).and_then(|context| {
+            let model = Model::open_cold(&context, &search.stored.path)?;
+            let scene = Scene::new(&context);
+            for (&place, id) in search.stored.places.iter().zip(1..) {
+                scene.add_instance(&model, id, place)?;
+            }
+            scene.commit()?;
+            let options = search.options(ClashDetail::Parts);
+            scene.state().clash(&options, &Progress::default(), &Cancel::new(), &mut |_| ())
+        });
+        match tried {
+            Err(Error::OverBudget { need, .. }) if need > budget => budget = need,
+            tried => return Ok(tried.map(|_| budget)?),
+        }
+    }
+}
+
 /// A model with nothing in memory, and a count of the reads of each block.
 struct OutOfCore {
     ours: Ours,
@@ -270,6 +291,11 @@ struct Out {
 }
 
 impl OutOfCore {
+    fn context(memory_budget: u64) -> outcrop::Result<Context> {
+        let options = ContextOptions { threads: 0, memory_budget, read_ahead: false, ..ContextOptions::default() };
+        Context::new(options)
+    }
+
     fn new(search: &Search, budget: u64) -> Result<Self, Failure> {
         let ranges = sources::blocks(&search.stored.path);
         let reads: Arc<Vec<_>> = Arc::new(ranges.into_iter().map(|range| (range, AtomicU32::new(0))).collect());
@@ -281,9 +307,7 @@ impl OutOfCore {
             }
             Ok(())
         });
-        let options =
-            ContextOptions { threads: 0, memory_budget: budget, read_ahead: false, ..ContextOptions::default() };
-        let context = Context::new(options)?;
+        let context = Self::context(budget)?;
         let model = Model::open_cold_source(&context, source)?;
         Ok(Self { ours: Ours::with(context, model, &search.stored.places)?, budget, reads })
     }
