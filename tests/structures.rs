@@ -107,6 +107,7 @@ impl Cold {
             match go_on(&self.tree.view(&snapshot, Isa::best(), visit)) {
                 Outcome::Done => return pending,
                 Outcome::Pending(block) => self.read(block),
+                Outcome::Member(_) => unreachable!("a tree of triangles has no members"),
             }
             pending += 1;
         }

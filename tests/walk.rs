@@ -70,6 +70,7 @@ impl<'a> Holes<'a> {
             let snapshot = self.snapshot();
             match step(&self.tree.view(&snapshot, isa)) {
                 Outcome::Done => return,
+                Outcome::Member(_) => unreachable!("a tree of triangles has no members"),
                 Outcome::Pending(id) => {
                     assert!(snapshot.block(id).is_none(), "waits for {id:?}, which is there");
                     assert!(id.0 < self.tree.blocks());

@@ -2,7 +2,6 @@
 
 use super::part_set::{Members, PartSet};
 use crate::base::error::Result;
-use crate::math::DBounds;
 use crate::scene::top::TopTree;
 use crate::scene::walk::SceneView;
 use crate::scene::{SceneState, blocks_with};
@@ -28,12 +27,14 @@ impl<'a> Among<'a> {
             return Ok(among);
         }
         let members = Members::of(scene, set, name)?;
-        let mut bounds = Vec::with_capacity(scene.placement.len());
+        let mut bounds = Vec::new();
         for (placed, p) in (0..).zip(scene.all_placed()) {
             let (model, looks) = (&scene.models[p.model as usize], &scene.state_of(p.instance).parts.looks);
             let count = model.local_parts(p.tree);
             let has_any = members.has_any(p.instance, p.first_part, count);
-            bounds.push(if has_any { p.bounds } else { DBounds::EMPTY });
+            if has_any {
+                bounds.push((placed, p.bounds));
+            }
             if reads && has_any && count > 1 && !members.has_all(p.instance) {
                 let has = |part: u32| {
                     let part = p.first_part.saturating_add(part);
@@ -42,7 +43,7 @@ impl<'a> Among<'a> {
                 among.blocks.insert(placed, blocks_with(model, p.tree, &has)?);
             }
         }
-        among.top = Some(TopTree::build(&bounds)?);
+        among.top = Some(TopTree::build(bounds)?);
         among.members = Some(members);
         Ok(among)
     }

@@ -1,7 +1,7 @@
 //! Beams: the extremes of a group's rays. One test of a beam shows that no ray of the group enters a box.
 
 use super::alike::Alike;
-use crate::math::{DBounds, Ray, bits};
+use crate::math::{DBounds, Ray};
 use glam::DVec3;
 
 /// The extremes of some rays.
@@ -41,11 +41,6 @@ impl Beam {
         Self { org, dir, inv, t_min: if t_min > 0.0 { t_min } else { 0.0 }, mask, aside }
     }
 
-    /// The beam of rays from one point with directions between extremes.
-    pub fn from_point(eye: DVec3, dirs: [[f32; 2]; 3], t_min: f64, mask: u32) -> Self {
-        Self::from_points([eye; 2], dirs, t_min, mask)
-    }
-
     /// The beam of rays with origins and directions between extremes.
     pub fn from_points(origins: [DVec3; 2], dirs: [[f32; 2]; 3], t_min: f64, mask: u32) -> Self {
         Self::between(origins, dirs.map(|ends| ends.map(f64::from)), t_min, mask)
@@ -66,22 +61,6 @@ impl Beam {
             mask = rays.iter().fold(0, |all, ray| all | ray.mask);
         }
         Self::between(org, alike.dirs().map(|ends| ends.map(f64::from)), t_min, mask)
-    }
-
-    /// The beam of the rays in `among` (bit `i`: ray `i`), which must be able to [hit](Ray::can_hit) something. `None`
-    /// if they do not share an origin, or if there are none.
-    pub fn from_one_point(rays: &[Ray], among: u32) -> Option<Self> {
-        let first = rays.get(among.trailing_zeros() as usize)?;
-        let (mut least, mut greatest, mut t_min, mut mask) = (first.dir, first.dir, first.t_min, 0);
-        for ray in bits(among).map(|i| &rays[i]) {
-            if ray.origin != first.origin {
-                return None;
-            }
-            (least, greatest) = (least.min(ray.dir), greatest.max(ray.dir));
-            (t_min, mask) = (t_min.min(ray.t_min), mask | ray.mask);
-        }
-        let dir = [0, 1, 2].map(|axis| [least[axis], greatest[axis]]);
-        Some(Self::from_point(first.origin, dir, t_min, mask))
     }
 
     /// Returns a distance before which no ray enters the box; `None` if certainly no ray meets it up to `t_max`. In
@@ -174,7 +153,7 @@ mod tests {
             );
             rays[at].origin = whole;
         }
-        let nothing = Beam::from_point(DVec3::ONE, [[f32::NAN; 2]; 3], 0.0, 1);
+        let nothing = Beam::from_points([DVec3::ONE; 2], [[f32::NAN; 2]; 3], 0.0, 1);
         assert!(nothing.enter(&DBounds { min: DVec3::ZERO, max: DVec3::ONE }, 1.0).is_some());
     }
 }

@@ -126,7 +126,7 @@ struct Placing {
 
 impl Placing {
     /// Bytes for each placed tree while the tree over all is built.
-    const BUILD: usize = size_of::<DBounds>() + TopTree::BYTES_EACH;
+    const BUILD: usize = size_of::<(u32, DBounds)>() + TopTree::BYTES_EACH;
 
     /// Counts the trees.
     fn of(draft: &Draft, scenes: &[Arc<SceneState>]) -> Result<Self> {
@@ -173,11 +173,14 @@ impl Placing {
     ) -> Result<Placement> {
         let what = "the placed trees of a scene";
         let mut memory = scene.context().residency().keep(what, self.bytes)?;
-        let mut hits: Vec<DBounds> = room(self.count, what)?;
+        let mut hits: Vec<(u32, DBounds)> = room(self.count, what)?;
         let (mut singles, mut firsts) = (room(self.singles, what)?, room(instances.len(), what)?);
         let (mut around, mut position_error) = (DBounds::EMPTY, 0.0f64);
-        let mut add = |placed: &Placed, hits: &mut Vec<DBounds>| {
-            hits.push(placed.hit_bounds(&models[placed.model as usize].trees()[placed.tree as usize]));
+        let mut add = |placed: &Placed, hits: &mut Vec<(u32, DBounds)>| {
+            hits.push((
+                hits.len() as u32,
+                placed.hit_bounds(&models[placed.model as usize].trees()[placed.tree as usize]),
+            ));
             around = around.union(placed.bounds);
             position_error = position_error.max(placed.position_error);
         };
@@ -216,10 +219,8 @@ impl Placing {
             (first..first + count).for_each(|number| add(&placed.placed(number), &mut hits));
             placement.scenes.push(placed);
         }
-        placement.top = TopTree::build(&hits)?;
-        drop(hits);
-        // The boxes are needed for the tree only.
-        memory.shrink_to(self.bytes - (self.count * (size_of::<DBounds>() + TopTree::WORKING)) as u64);
+        placement.top = TopTree::build(hits)?;
+        memory.shrink_to(self.bytes - (self.count * Self::BUILD) as u64 + placement.top.bytes());
         (placement.bounds, placement.position_error, placement._memory) = (around, position_error, memory);
         Ok(placement)
     }

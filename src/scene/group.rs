@@ -54,8 +54,6 @@ impl Default for Group {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Entered {
     pub placed: u32,
-    /// The reference to it in the top tree.
-    pub node: NodeRef,
     /// Bounds of all that rays may hit in it.
     pub bounds: DBounds,
 }
@@ -71,7 +69,7 @@ impl SceneView<'_> {
         out.clear();
         let top = &self.scene.placement.top;
         let Some(root) = top.root().filter(|_| beam.enter(top.around(), t_max).is_some()) else { return true };
-        let mut todo = [(root, top.around()); MOST_OPEN];
+        let mut todo = [(root, *top.around()); MOST_OPEN];
         let mut count = 1;
         while count > 0 {
             count -= 1;
@@ -82,19 +80,18 @@ impl SceneView<'_> {
                     if out.len() == FEW {
                         return false;
                     }
-                    out.push(Entered { placed, node, bounds: *bounds });
+                    out.push(Entered { placed, bounds });
                 }
                 Target::Inner(index) => {
-                    let node = top.node(index);
-                    for side in [1, 0] {
-                        if beam.enter(&node.bounds[side], t_max).is_some() {
-                            todo[count] = (node.child[side], &node.bounds[side]);
-                            count += 1;
-                        }
-                    }
-                    if count + 2 > MOST_OPEN {
+                    if count + MOST_CHILDREN > MOST_OPEN {
                         return false;
                     }
+                    top.children(index, |child, bounds| {
+                        if beam.enter(&bounds, t_max).is_some() {
+                            todo[count] = (child, bounds);
+                            count += 1;
+                        }
+                    });
                 }
             }
         }
@@ -102,8 +99,10 @@ impl SceneView<'_> {
     }
 }
 
-/// Size of the stack of top-tree nodes: a depth-first walk holds one node for each level.
+/// Size of the stack of top-tree nodes: a depth-first walk holds up to seven nodes for each level.
 const MOST_OPEN: usize = 64;
+/// Greatest number of children of a node.
+const MOST_CHILDREN: usize = 8;
 
 impl Group {
     /// See [`PacketWalk::begin_batch`].
@@ -433,7 +432,8 @@ impl<'a> CameraTree<'a> {
     /// Continues a walk to its end; returns the rays that hit something.
     pub fn go_on(&self, view: &SceneView, walk: &mut PacketWalk) -> Result<u32, Need> {
         match self.tree.closest_together(self.filter.as_ref(), walk) {
-            Outcome::Done => Ok(walk.found()),
+            // The tree of a model has no members.
+            Outcome::Done | Outcome::Member(_) => Ok(walk.found()),
             Outcome::Pending(block) => Err(view.need(self.number, block)),
         }
     }

@@ -2,21 +2,24 @@
 //! the box of a placed tree go into it as a packet. Like the walk of a single ray, a packet can stop at a missing block
 //! and continue later.
 
-use super::beam::Beam;
-use super::box_ray::PacketBoxRays;
-use super::placed::At;
+use super::placed::{At, Placed};
 use super::ray_rows::RayRows;
 use super::top::{NodeRef, Target};
 use super::walk::{FirstCell, Found, NOTHING, SceneView, Step};
 use crate::math::{PACKET, Ray, bits};
+use crate::simd::Isa;
 use crate::structure::{LocalRay, LocalRays, Outcome, PacketWalk};
 use glam::Vec3;
 
 /// The state of a packet's rays in a scene. Reusable.
 pub(crate) struct ScenePacket {
-    /// A stack of top-tree nodes, the next one last. Each has the rays that may enter it, and the distance at which the
-    /// first of them does.
-    todo: Vec<(NodeRef, u32, f64)>,
+    /// The packet in the top tree, and the placement of each ray there.
+    top: PacketWalk,
+    at_top: [At; PACKET],
+    /// The only placed tree, and the rays that are to enter it.
+    only: Option<(u32, u32)>,
+    /// True if rays are in the top tree.
+    is_in_top: bool,
     /// The placed tree that the packet is in.
     at: Option<u32>,
     /// The placement of each ray in that tree.
@@ -28,10 +31,6 @@ pub(crate) struct ScenePacket {
     best: [Found; PACKET],
     /// The distance up to which each ray may still go.
     far: [f64; PACKET],
-    box_rays: PacketBoxRays,
-    /// The beam of the rays if they share an origin. It is nearly as narrow as the rays: only for small boxes do
-    /// notably fewer rays enter the box than the beam.
-    beam: Option<Beam>,
     /// Rays that still search for a hit.
     active: u32,
     /// Parts of the directions that single precision has lost.
@@ -41,7 +40,10 @@ pub(crate) struct ScenePacket {
 impl Default for ScenePacket {
     fn default() -> Self {
         Self {
-            todo: Vec::new(),
+            top: PacketWalk::new(),
+            at_top: [At::NONE; PACKET],
+            only: None,
+            is_in_top: false,
             at: None,
             moved: [At::NONE; PACKET],
             inside: 0,
@@ -50,8 +52,6 @@ impl Default for ScenePacket {
             local: Box::new(LocalRays::NONE),
             best: [Found::nothing(0.0); PACKET],
             far: [0.0; PACKET],
-            box_rays: PacketBoxRays::NONE,
-            beam: None,
             active: 0,
             rest: None,
         }
@@ -73,32 +73,63 @@ impl ScenePacket {
     /// lost. It matters in trees that are far away.
     pub fn begin_fine(&mut self, view: &SceneView, rays: &[Ray; PACKET], rest: Option<&[Vec3; PACKET]>, active: u32) {
         self.rest = rest.copied();
-        self.todo.clear();
-        self.at = None;
-        self.active = 0;
+        (self.at, self.only, self.is_in_top, self.active) = (None, None, false, 0);
         for (i, it) in rays.iter().enumerate() {
             self.rows.set(i, it);
             (self.best[i].t, self.best[i].placed, self.best[i].first_cell) = (it.t_max, NOTHING, FirstCell::NONE);
             self.far[i] = it.t_max;
             self.active |= (active >> i & u32::from(it.can_hit())) << i;
         }
-        let Some(root) = view.scene.placement.top.root() else { return };
-        if let Target::Inner(_) = root.target() {
-            self.box_rays.set(rays, rest);
-            self.beam = if rest.is_none() { Beam::from_one_point(rays, self.active) } else { None };
+        match view.scene.placement.top.root().map(NodeRef::target) {
+            None => {}
+            Some(Target::Placed(placed)) => self.only = Some((placed, self.active)),
+            Some(Target::Inner(_)) => {
+                let Some((members, frame)) = view.scene.placement.top.walked() else { return };
+                let isa = view.scene.context().isa();
+                let inside = self.take_into(isa, rays, frame, NOTHING, self.active, true);
+                self.at_top = self.moved;
+                // No cell of this tree stands in.
+                self.local.cone = [[0.0; PACKET]; 2];
+                self.top.set_rows(&self.local);
+                self.top.start(&members.tree(isa), inside);
+                self.is_in_top = inside != 0;
+            }
         }
-        self.todo.push((root, self.active, 0.0));
+    }
+
+    /// Takes the rays of `among` into the frame of a placed tree, up to where they may still go. Returns those that may
+    /// hit something there.
+    fn take_into(
+        &mut self,
+        isa: Isa,
+        rays: &[Ray; PACKET],
+        frame: &Placed,
+        placed: u32,
+        among: u32,
+        beyond: bool,
+    ) -> u32 {
+        let Self { rows, local, far, moved, .. } = self;
+        let Some(rest) = &self.rest else {
+            *moved = [At { placed, shift: 0.0, scale: 1.0 }; PACKET];
+            return rows.take_all_into_tree(isa, frame, among, (far, beyond), local, |i, (shift, scale)| {
+                moved[i] = At { placed, shift, scale };
+            });
+        };
+        let (mut inside, mut one) = (0, LocalRay::NONE);
+        for i in bits(among) {
+            if let Some((shift, scale)) = frame.local_of(&rays[i], rest[i], far[i], beyond, &mut one) {
+                local.set(i, &one);
+                moved[i] = At { placed, shift, scale };
+                inside |= 1 << i;
+            }
+        }
+        inside
     }
 
     /// The best hit so far of ray `i`.
     #[inline]
     pub fn best(&self, i: usize) -> &Found {
         &self.best[i]
-    }
-
-    /// The greatest distance up to which any ray of `rays` may still go.
-    fn farthest(&self, rays: u32) -> f64 {
-        bits(rays).fold(f64::NEG_INFINITY, |far, i| far.max(self.far[i]))
     }
 }
 
@@ -125,20 +156,28 @@ impl SceneView<'_> {
                         walk.tree.best(i),
                         walk.tree.first_cell()[i],
                     );
-                    walk.far[i] = walk.best[i].t;
+                    walk.far[i] = walk.best[i].reach(&rays[i]);
+                    walk.top.shorten(i, walk.at_top[i].in_tree(walk.far[i]));
                     if ANY && walk.best[i].is_hit() {
                         walk.active &= !(1 << i);
+                        walk.top.stop(i);
                     }
                 }
             }
-            let Some((node, mask, enter)) = walk.todo.pop() else { return Step::Done };
-            let mask = mask & walk.active;
-            if mask == 0 || enter > walk.farthest(mask) {
+            if let Some((placed, among)) = walk.only.take() {
+                self.enter_packet(rays, placed, among, walk);
                 continue;
             }
-            match node.target() {
-                Target::Placed(placed) => self.enter_packet(rays, placed, mask, walk),
-                Target::Inner(index) => self.push_children_packet(index, mask, walk),
+            let Some((members, _)) = self.scene.placement.top.walked().filter(|_| walk.is_in_top) else {
+                return Step::Done;
+            };
+            match members.tree(self.scene.context().isa()).closest_together(None, &mut walk.top) {
+                Outcome::Member(placed) => {
+                    let among = walk.top.at_member() & walk.active;
+                    self.enter_packet(rays, placed, among, walk);
+                }
+                // All blocks of this tree are in memory.
+                Outcome::Done | Outcome::Pending(_) => return Step::Done,
             }
         }
     }
@@ -146,58 +185,13 @@ impl SceneView<'_> {
     fn enter_packet(&self, rays: &[Ray; PACKET], placed: u32, mask: u32, walk: &mut ScenePacket) {
         let p = self.scene.placed(placed);
         let seen_by = self.seen_by(placed);
-        let ScenePacket { tree, rows, local, far, moved, .. } = walk;
+        let sees = bits(mask).filter(|&i| rays[i].mask & seen_by != 0).fold(0, |all, i| all | 1 << i);
         let isa = self.scene.context().isa();
-        let mut sees = mask;
-        for i in bits(mask) {
-            sees &= !(u32::from(rays[i].mask & seen_by == 0) << i);
-        }
-        walk.inside = match &walk.rest {
-            None => {
-                *moved = [At { placed, shift: 0.0, scale: 1.0 }; PACKET];
-                rows.take_all_into_tree(isa, &p, sees, (far, self.widen_interval), local, |i, (shift, scale)| {
-                    moved[i] = At { placed, shift, scale };
-                })
-            }
-            Some(rest) => {
-                let (mut inside, mut one) = (0, LocalRay::NONE);
-                for i in bits(sees) {
-                    if let Some((shift, scale)) = p.local_of(&rays[i], rest[i], far[i], self.widen_interval, &mut one) {
-                        local.set(i, &one);
-                        moved[i] = At { placed, shift, scale };
-                        inside |= 1 << i;
-                    }
-                }
-                inside
-            }
-        };
+        walk.inside = walk.take_into(isa, rays, &p, placed, sees, self.widen_interval);
         if walk.inside != 0 {
-            tree.set_rows(local);
-            tree.start(&self.tree(placed), walk.inside);
+            walk.tree.set_rows(&walk.local);
+            walk.tree.start(&self.tree(placed), walk.inside);
             walk.at = Some(placed);
-        }
-    }
-
-    fn push_children_packet(&self, index: u32, mask: u32, walk: &mut ScenePacket) {
-        let node = self.scene.placement.top.node(index);
-        let (mut met, mut nearest) = ([0; 2], [f64::INFINITY; 2]);
-        let mut enter = [0.0; PACKET];
-        for side in 0..2 {
-            if let (Some(beam), Target::Inner(_)) = (&walk.beam, node.child[side].target()) {
-                if let Some(enter) = beam.enter(&node.bounds[side], walk.farthest(mask)) {
-                    (met[side], nearest[side]) = (mask, enter);
-                }
-                continue;
-            }
-            met[side] =
-                mask & walk.box_rays.enter(self.scene.context().isa(), &node.bounds[side], &walk.far, &mut enter);
-            nearest[side] = bits(met[side]).fold(f64::INFINITY, |nearest, i| nearest.min(enter[i]));
-        }
-        let far = usize::from(nearest[0] <= nearest[1]);
-        for side in [far, 1 - far] {
-            if met[side] != 0 {
-                walk.todo.push((node.child[side], met[side], nearest[side]));
-            }
         }
     }
 }

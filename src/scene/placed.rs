@@ -76,6 +76,12 @@ impl At {
     /// The placement in no tree.
     pub const NONE: Self = Self { placed: u32::MAX, shift: 0.0, scale: 1.0 };
 
+    /// Converts a distance in the world to one in the tree that is not below it.
+    #[inline(always)]
+    pub fn in_tree(&self, t: f64) -> f32 {
+        not_below((t - self.shift) / self.scale)
+    }
+
     /// Converts a distance in the tree to one in the world.
     #[inline(always)]
     pub fn in_world(&self, t: f32) -> f64 {
@@ -196,6 +202,25 @@ impl Placed {
             loss,
             position_error: tree.position_error * stretch,
             bounds,
+        }
+    }
+
+    /// The frame of boxes: that of the world around `origin`, divided by `scale`. `bounds`: of the boxes, in the world.
+    pub fn of_boxes(origin: DVec3, scale: f64, bounds: &DBounds, max_coord: f32) -> Self {
+        let scaled = |by: f64| DMat3::from_diagonal(DVec3::splat(by));
+        Self {
+            ids: PlacedIds::default(),
+            linear: scaled(scale),
+            inverse: scaled(1.0 / scale),
+            offset: origin,
+            mesh_origin: origin,
+            unturned: scale == 1.0,
+            max_coord: f64::from(max_coord),
+            local_bounds: DBounds { min: (bounds.min - origin) / scale, max: (bounds.max - origin) / scale },
+            stretch: scale,
+            loss: 8.0 * f64::EPSILON,
+            position_error: 0.0,
+            bounds: *bounds,
         }
     }
 
@@ -480,9 +505,10 @@ impl Placed {
     /// A distance slightly before the ray enters the tree's bounds; `None` if it does not enter them.
     #[cold]
     fn entry(&self, org: DVec3, dir: DVec3, t_min: f64, best: f64) -> Option<f64> {
-        let enter = BoxRay::of(org, dir).enter(&self.local_bounds, 0.0, best)?;
-        // The margin is so large that rounding puts nothing of the tree behind the new origin.
+        // The margin is so large that rounding puts nothing of the tree behind the new origin, and a hit at `best` that
+        // rounding has put before the bounds is still met.
         let before = 0.25 * self.max_coord / dir.abs().max_element();
+        let enter = BoxRay::of(org, dir).enter(&self.local_bounds, 0.0, best + before)?;
         Some((enter - before).max(0.0).max((t_min - before).min(enter)))
     }
 }

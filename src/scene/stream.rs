@@ -4,7 +4,7 @@
 
 use super::alike::Alike;
 use super::beam::Beam;
-use super::box_ray::{BoxRay, PacketBoxRays};
+use super::box_ray::PacketBoxRays;
 use super::group::Entered;
 use super::placed::At;
 use super::ray_rows::RayRows;
@@ -27,10 +27,11 @@ pub(crate) struct SceneStream {
     rows: Box<RayRows>,
     local: Box<LocalRays<PACKET>>,
     alone: SceneWalk,
-    /// For each ray in a scene of several placed trees, the stack of top-tree nodes still to be visited. The nearest
-    /// node is the last.
-    todo: Vec<Vec<(NodeRef, f64)>>,
-    box_rays: Vec<BoxRay>,
+    /// For each ray in a scene of several placed trees, those still to be visited if they are few, with the distances
+    /// at which it enters them. The nearest is the last.
+    todo: Vec<Vec<(u32, f64)>>,
+    /// For each other ray, its walk through the top tree, and its placement there.
+    tops: Vec<(Walk, Option<At>)>,
     /// True for rays that are not done: `todo` may hold nodes for them.
     goes_on: Box<[bool; STREAM]>,
     /// The placed trees that some packet's rays may enter.
@@ -63,7 +64,7 @@ impl Default for SceneStream {
             local: Box::new(LocalRays::NONE),
             alone: SceneWalk::default(),
             todo: Vec::new(),
-            box_rays: Vec::new(),
+            tops: Vec::new(),
             goes_on: Box::new([false; STREAM]),
             entered: Vec::new(),
             packet: Box::new(PacketBoxRays::NONE),
@@ -95,7 +96,7 @@ impl SceneStream {
     fn reserve(&mut self, rays: &[Ray]) {
         if self.todo.len() < rays.len() {
             self.todo.resize_with(rays.len(), Vec::new);
-            self.box_rays.resize(rays.len(), BoxRay::new(&rays[0]));
+            self.tops.resize_with(rays.len(), || (Walk::new(), None));
         }
     }
 }
@@ -233,7 +234,8 @@ impl SceneView<'_> {
             let goes_on = |it: &mut Entering| {
                 let ray = it.ray as usize;
                 let is_done = !walk.goes_on[ray] || ANY && found[ray].is_hit();
-                let next = if is_done { None } else { self.next_tree(&rays[ray], ray, found[ray].t, walk) };
+                let next =
+                    if is_done { None } else { self.next_tree(&rays[ray], ray, found[ray].reach(&rays[ray]), walk) };
                 *it = next.unwrap_or(*it);
                 next.is_some()
             };
@@ -250,10 +252,11 @@ impl SceneView<'_> {
             walk.goes_on[first..][..group.len()].fill(false);
             return entering.extend((first..).zip(group).filter_map(|(i, ray)| self.entering(ray, i, only.placed)));
         }
-        let SceneStream { entered, packet, todo, box_rays, goes_on, .. } = &mut *walk;
+        let SceneStream { entered, packet, todo, tops, goes_on, .. } = &mut *walk;
         for (i, ray) in group.iter().enumerate() {
             goes_on[first + i] = ray.can_hit();
             todo[first + i].clear();
+            tops[first + i].1 = None;
         }
         if is_few {
             packet.set(group, None);
@@ -268,13 +271,13 @@ impl SceneView<'_> {
                     let todo = &mut todo[first + i];
                     // The nearest node is the last; of equally near nodes the first tree is visited first.
                     let at = todo.partition_point(|it| it.1 > enter[i]);
-                    todo.insert(at, (tree.node, enter[i]));
+                    todo.insert(at, (tree.placed, enter[i]));
                 }
             }
-        } else if let Some(root) = self.scene.placement.top.root() {
+        } else {
             for (i, ray) in group.iter().enumerate().filter(|(_, ray)| ray.can_hit()) {
-                box_rays[first + i] = BoxRay::new(ray);
-                todo[first + i].push((root, 0.0));
+                let (top, at) = &mut tops[first + i];
+                *at = self.enter_top(ray, top);
             }
         }
         entering.extend((first..).zip(group).filter_map(|(i, ray)| self.next_tree(ray, i, ray.t_max, walk)));
@@ -299,24 +302,19 @@ impl SceneView<'_> {
     /// The next placed tree that a ray may enter before `best`.
     #[inline]
     fn next_tree(&self, ray: &Ray, i: usize, best: f64, walk: &mut SceneStream) -> Option<Entering> {
-        let (todo, box_rays) = (&mut walk.todo[i], &walk.box_rays[i]);
-        while let Some((node, enter)) = todo.pop() {
-            if enter > best {
-                continue;
-            }
-            match node.target() {
-                Target::Placed(placed) => {
-                    let entering = self.entering(ray, i, placed);
-                    if entering.is_some() {
-                        return entering;
-                    }
-                }
-                Target::Inner(index) => {
-                    self.for_each_child(box_rays, ray, index, best, |node, enter| todo.push((node, enter)))
-                }
+        let (todo, (top, at)) = (&mut walk.todo[i], &mut walk.tops[i]);
+        loop {
+            let placed = match (todo.pop(), &at) {
+                (Some((_, enter)), _) if enter > best => continue,
+                (Some((placed, _)), _) => placed,
+                (None, Some(at)) => self.next_placed(at, best, top)?,
+                (None, None) => return None,
+            };
+            let entering = self.entering(ray, i, placed);
+            if entering.is_some() {
+                return entering;
             }
         }
-        None
     }
 
     /// Equal for placed trees that rays may go through in one stream: placements of the same tree with all parts as in
@@ -340,7 +338,8 @@ impl SceneView<'_> {
         let mut local = LocalRay::NONE;
         loop {
             let placed = entering.placed;
-            if let Some((shift, scale)) = self.scene.placed(placed).local(ray, best.t, self.widen_interval, &mut local)
+            if let Some((shift, scale)) =
+                self.scene.placed(placed).local(ray, best.reach(ray), self.widen_interval, &mut local)
             {
                 let (tree, filter, single) = (self.tree(placed), self.filter(placed), &mut walk.single);
                 single.begin(&tree, &local);
@@ -360,7 +359,7 @@ impl SceneView<'_> {
             if !walk.goes_on[i] || ANY && best.is_hit() {
                 break;
             }
-            let Some(next) = self.next_tree(ray, i, best.t, walk) else { break };
+            let Some(next) = self.next_tree(ray, i, best.reach(ray), walk) else { break };
             entering = next;
         }
         walk.goes_on[i] = false;
@@ -378,7 +377,7 @@ impl SceneView<'_> {
         let mut best = [0.0; PACKET];
         for (i, it) in run.iter().enumerate() {
             rows.set(i, &rays[it.ray as usize]);
-            best[i] = found[it.ray as usize].t;
+            best[i] = found[it.ray as usize].reach(&rays[it.ray as usize]);
         }
         let mut left = first_rays(run.len());
         let at = &mut at[first..];

@@ -42,15 +42,11 @@ impl Entrances {
                         return Some(placed);
                     }
                 }
-                Target::Inner(index) => {
-                    let node = top.node(index);
-                    for side in [1, 0] {
-                        let bounds = grown(node.bounds[side], far);
-                        if box_ray.enter(&bounds, ray.begins(), ray.t_max).is_some() {
-                            self.left.push(node.child[side]);
-                        }
+                Target::Inner(index) => top.children(index, |child, bounds| {
+                    if box_ray.enter(&grown(bounds, far), ray.begins(), ray.t_max).is_some() {
+                        self.left.push(child);
                     }
-                }
+                }),
             }
         }
         None

@@ -1,10 +1,13 @@
-//! The top-level tree: a binary BVH over the bounds of placed trees, in double precision.
+//! The top-level tree: a tree over the bounds of placed trees, with boxes in single precision around an origin in
+//! double precision. Rays walk it as they walk the trees of models.
 
+use super::placed::Placed;
 use crate::base::error::Result;
-use crate::base::memory::room;
-use crate::math::DBounds;
+use crate::math::{Bounds, DBounds};
+use crate::structure::{MemberChild, Members};
+use glam::{DVec3, Vec3};
 
-/// A child of a node: an inner node or, if the top bit is set, a placed tree.
+/// A node or, if the top bit is set, a placed tree.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct NodeRef(u32);
 
@@ -13,7 +16,7 @@ const LEAF: u32 = 1 << 31;
 /// The target of a [`NodeRef`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Target {
-    /// Index of an inner node.
+    /// Number of an inner node.
     Inner(u32),
     /// Index of a placed tree.
     Placed(u32),
@@ -27,76 +30,65 @@ impl NodeRef {
     }
 }
 
-/// An inner node: two children with their boxes.
-#[derive(Debug, Clone, Copy)]
-pub struct Node {
-    /// The box of each child.
-    pub bounds: [DBounds; 2],
-    /// The children.
-    pub child: [NodeRef; 2],
+/// The tree. Invariants: every placed tree with non-empty bounds is a leaf exactly once; each box holds all that is
+/// below it.
+#[derive(Debug)]
+pub struct TopTree {
+    around: DBounds,
+    root: Option<NodeRef>,
+    /// The nodes; `None` over fewer than two placed trees.
+    nodes: Option<Nodes>,
 }
 
-/// The tree. Invariants: a child's index is above its parent's, so walks end; every placed tree with non-empty bounds
-/// is a leaf exactly once; each box holds all that is below it.
-#[derive(Debug, Clone)]
-pub struct TopTree {
-    nodes: Vec<Node>,
-    root: Option<NodeRef>,
-    around: DBounds,
-    /// Depth of the deepest leaf; a depth-first walk needs a stack of at most one entry more.
-    depth: usize,
+#[derive(Debug)]
+struct Nodes {
+    tree: Members,
+    frame: Placed,
+    origin: DVec3,
+    /// The world's unit in units of the frame. It is 1 unless coordinates are near the limits of single precision.
+    scale: f64,
 }
 
 impl Default for TopTree {
     fn default() -> Self {
-        Self { nodes: Vec::new(), root: None, around: DBounds::EMPTY, depth: 0 }
+        Self { around: DBounds::EMPTY, root: None, nodes: None }
     }
 }
 
-impl TopTree {
-    /// Bytes of memory for each placed tree, while the tree is built.
-    pub const BYTES_EACH: usize = size_of::<Node>() + Self::WORKING;
-    /// Those that are given back afterwards.
-    pub const WORKING: usize = 2 * size_of::<u32>();
+/// Growth of boxes, as a fraction of the tree's greatest coordinate. Walks misplace a ray by a few roundings of that
+/// (h = 2^-24), and the walk in a placed tree misplaces it otherwise: a ray that meets something there must meet the
+/// box.
+const GROWTH: f64 = 1.0 / 131_072.0;
 
-    /// Builds the tree over `bounds`, index by index, and leaves out empty ones. The same input gives the same tree.
-    /// Fails with `NoMemory`.
-    pub fn build(bounds: &[DBounds]) -> Result<Self> {
-        let what = "the tree over the placed trees of a scene";
-        let mut order: Vec<u32> = room(bounds.len(), what)?;
-        order.extend((0..bounds.len() as u32).filter(|&i| !bounds[i as usize].is_empty()));
-        let around = order.iter().fold(DBounds::EMPTY, |all, &i| all.union(bounds[i as usize]));
-        let mut tree = Self { around, nodes: room(order.len().saturating_sub(1), what)?, ..Self::default() };
-        if order.is_empty() {
-            return Ok(tree);
+/// Range of the greatest coordinate for frames that are not scaled.
+const USUAL: std::ops::RangeInclusive<f64> = 1e-12..=1e12;
+
+impl TopTree {
+    /// Upper bound of the bytes of memory for each placed tree, while the tree is built.
+    pub const BYTES_EACH: usize = Members::BYTES_EACH;
+
+    /// Builds the tree over `bounds`, the numbers of placed trees and their boxes, and leaves out empty ones. The same
+    /// input gives the same tree. Fails with `NoMemory`.
+    pub fn build(mut bounds: Vec<(u32, DBounds)>) -> Result<Self> {
+        bounds.retain(|it| !it.1.is_empty());
+        let around = bounds.iter().fold(DBounds::EMPTY, |all, it| all.union(it.1));
+        match bounds[..] {
+            [] => return Ok(Self::default()),
+            [(only, _)] => return Ok(Self { around, root: Some(NodeRef(only | LEAF)), nodes: None }),
+            _ => {}
         }
-        let mut others: Vec<u32> = room(order.len(), what)?;
-        others.resize(order.len(), 0);
-        // The loop replaces a recursion as deep as the tree.
-        let mut todo = vec![(0, order.len(), None::<(usize, usize)>, 1)];
-        while let Some((begin, end, parent, depth)) = todo.pop() {
-            tree.depth = tree.depth.max(depth);
-            let reference = if end - begin == 1 {
-                NodeRef(order[begin] | LEAF)
-            } else {
-                let range = &mut order[begin..end];
-                let middle = begin + split(bounds, range, &mut others);
-                let node = tree.nodes.len();
-                let around = |part: &[u32]| part.iter().fold(DBounds::EMPTY, |b, &i| b.union(bounds[i as usize]));
-                tree.nodes.push(Node {
-                    bounds: [around(&order[begin..middle]), around(&order[middle..end])],
-                    child: [NodeRef(0); 2],
-                });
-                todo.push((middle, end, Some((node, 1)), depth + 1));
-                todo.push((begin, middle, Some((node, 0)), depth + 1));
-                NodeRef(node as u32)
-            };
-            match parent {
-                Some((node, side)) => tree.nodes[node].child[side] = reference,
-                None => tree.root = Some(reference),
-            }
-        }
-        Ok(tree)
+        let origin = around.center();
+        let reach = around.extent().max_element() * 0.5;
+        let scale = if USUAL.contains(&reach) { 1.0 } else { reach.log2().round().exp2() };
+        let grown = DVec3::splat(reach * GROWTH + origin.abs().max_element() * (8.0 * f64::EPSILON));
+        let low = |v: DVec3| Vec3::from(((v - grown - origin) / scale).to_array().map(|x| (x as f32).next_down()));
+        let high = |v: DVec3| Vec3::from(((v + grown - origin) / scale).to_array().map(|x| (x as f32).next_up()));
+        let local = |(number, b): (u32, DBounds)| (number, Bounds { min: low(b.min), max: high(b.max) });
+        let tree = Members::build(bounds.into_iter().map(local))?;
+        let all = DBounds { min: around.min - grown, max: around.max + grown };
+        let frame = Placed::of_boxes(origin, scale, &all, tree.max_coord());
+        let root = NodeRef(tree.root());
+        Ok(Self { around, root: Some(root), nodes: Some(Nodes { tree, frame, origin, scale }) })
     }
 
     /// Bounds of all that the tree was built over.
@@ -111,93 +103,30 @@ impl TopTree {
         self.root
     }
 
-    /// An inner node.
+    /// The tree for walks of rays, and its frame; `None` over fewer than two placed trees.
     #[inline]
-    pub fn node(&self, index: u32) -> &Node {
-        &self.nodes[index as usize]
+    pub(crate) fn walked(&self) -> Option<(&Members, &Placed)> {
+        self.nodes.as_ref().map(|nodes| (&nodes.tree, &nodes.frame))
+    }
+
+    /// Calls `visit` with the children of an inner node, at most eight, and their boxes.
+    #[inline]
+    pub fn children(&self, node: u32, mut visit: impl FnMut(NodeRef, DBounds)) {
+        let Some(Nodes { tree, origin, scale, .. }) = &self.nodes else { return };
+        tree.children(node, |child, b| {
+            let reference = match child {
+                MemberChild::Node(node) => NodeRef(node),
+                MemberChild::Member(placed) => NodeRef(placed | LEAF),
+            };
+            let in_world = |v: Vec3| v.as_dvec3() * *scale + *origin;
+            visit(reference, DBounds { min: in_world(b.min), max: in_world(b.max) });
+        });
     }
 
     /// Bytes in memory.
     pub fn bytes(&self) -> u64 {
-        (self.nodes.capacity() * size_of::<Node>()) as u64
+        self.nodes.as_ref().map_or(0, |nodes| nodes.tree.bytes())
     }
-}
-
-const BINS: usize = 16;
-
-/// Orders `range` by binned SAH over the centres, so that its first n go to one side and the rest to the other. Returns
-/// n, at least 1 and less than all. The indices are ascending, and stay so on each side. `others`: see [`divide`].
-fn split(bounds: &[DBounds], range: &mut [u32], others: &mut [u32]) -> usize {
-    let centre = |i: u32| bounds[i as usize].center();
-    let centres = range.iter().fold(DBounds::EMPTY, |b, &i| b.with(centre(i)));
-    let mut best: Option<(f64, usize, usize)> = None;
-    for axis in 0..3 {
-        let width = centres.extent()[axis];
-        if width > 0.0 && width.is_finite() {
-            let bin = |i: u32| bin_of(centre(i)[axis], centres.min[axis], width);
-            if let Some((cost, cut)) = cheapest_cut(bounds, range, bin)
-                && best.is_none_or(|(c, ..)| cost < c)
-            {
-                best = Some((cost, axis, cut));
-            }
-        }
-    }
-    if let Some((_, axis, cut)) = best {
-        let (low, width) = (centres.min[axis], centres.extent()[axis]);
-        let n = divide(range, others, |i| bin_of(centre(i)[axis], low, width) < cut);
-        if n > 0 && n < range.len() {
-            return n;
-        }
-    }
-    range.len() / 2
-}
-
-/// Moves those for which `is_first` is true to the front, and keeps both kinds in order. Returns their number. `others`
-/// is working memory, at least as long.
-fn divide(range: &mut [u32], others: &mut [u32], is_first: impl Fn(u32) -> bool) -> usize {
-    let (mut first, mut other) = (0, 0);
-    for at in 0..range.len() {
-        let i = range[at];
-        if is_first(i) {
-            range[first] = i;
-            first += 1;
-        } else {
-            others[other] = i;
-            other += 1;
-        }
-    }
-    range[first..].copy_from_slice(&others[..other]);
-    first
-}
-
-fn bin_of(x: f64, low: f64, width: f64) -> usize {
-    (((x - low) / width * BINS as f64) as usize).min(BINS - 1)
-}
-
-/// The cheapest of the cuts between bins: its cost, and the first bin on its right.
-fn cheapest_cut(bounds: &[DBounds], range: &[u32], bin: impl Fn(u32) -> usize) -> Option<(f64, usize)> {
-    let mut bins = [(DBounds::EMPTY, 0usize); BINS];
-    for &i in range {
-        let b = &mut bins[bin(i)];
-        *b = (b.0.union(bounds[i as usize]), b.1 + 1);
-    }
-    let add = |a: (DBounds, usize), b: &(DBounds, usize)| (a.0.union(b.0), a.1 + b.1);
-    let mut right = [(DBounds::EMPTY, 0usize); BINS + 1];
-    for b in (0..BINS).rev() {
-        right[b] = add(right[b + 1], &bins[b]);
-    }
-    let mut left = (DBounds::EMPTY, 0);
-    let mut best: Option<(f64, usize)> = None;
-    for cut in 1..BINS {
-        left = add(left, &bins[cut - 1]);
-        if left.1 > 0 && right[cut].1 > 0 {
-            let cost = left.0.half_area() * left.1 as f64 + right[cut].0.half_area() * right[cut].1 as f64;
-            if best.is_none_or(|(c, _)| cost < c) {
-                best = Some((cost, cut));
-            }
-        }
-    }
-    best
 }
 
 #[cfg(test)]
@@ -218,14 +147,11 @@ mod tests {
         while let Some(r) = stack.pop() {
             match r.target() {
                 Target::Placed(i) => found.push(i),
-                Target::Inner(i) => {
-                    let node = tree.node(i);
-                    for side in 0..2 {
-                        if box_rays.enter(&node.bounds[side], 0.0, t_max).is_some() {
-                            stack.push(node.child[side]);
-                        }
+                Target::Inner(i) => tree.children(i, |child, bounds| {
+                    if box_rays.enter(&bounds, 0.0, t_max).is_some() {
+                        stack.push(child);
                     }
-                }
+                }),
             }
         }
         found.sort_unstable();
@@ -235,8 +161,7 @@ mod tests {
     #[test]
     fn every_box_that_a_ray_meets_is_a_leaf_it_reaches() {
         let boxes = grid(200);
-        let tree = TopTree::build(&boxes).unwrap();
-        assert!(tree.depth < 24);
+        let tree = TopTree::build((0..).zip(boxes.iter().copied()).collect()).unwrap();
         // Directions are axis-parallel, in planes of boxes, and diagonal; origins lie on the grid of the boxes.
         for (i, dir) in
             [Vec3::X, -Vec3::Y, Vec3::Z, Vec3::ONE, Vec3::new(1.0, -1.0, 0.0)].iter().cycle().take(500).enumerate()
@@ -267,8 +192,9 @@ mod tests {
     #[test]
     fn coincident_boxes_still_make_a_tree() {
         let boxes = vec![DBounds { min: DVec3::ZERO, max: DVec3::ONE }; 1000];
-        let tree = TopTree::build(&boxes).unwrap();
-        assert!(tree.depth <= 12, "halved where nothing tells them apart: depth {}", tree.depth);
-        assert!(TopTree::build(&[DBounds::EMPTY]).unwrap().root().is_none());
+        let tree = TopTree::build((0..).zip(boxes.iter().copied()).collect()).unwrap();
+        let inside = BoxRay::new(&Ray::new(DVec3::splat(0.5), Vec3::X));
+        assert_eq!(walk(&tree, &inside, 1.0), (0..1000).collect::<Vec<_>>());
+        assert!(TopTree::build(vec![(0, DBounds::EMPTY)]).unwrap().root().is_none());
     }
 }

@@ -4,14 +4,13 @@
 //! A hit is the least pair (t, index of the placed tree) of the hits in the trees. It does not depend on the order of
 //! visits, on packets or on interruptions.
 
-use super::box_ray::BoxRay;
 use super::model::Model;
 use super::placed::At;
 use super::state::SceneState;
 use super::top::{NodeRef, Target};
 use crate::base::error::Result;
 use crate::base::ids::BlockId;
-use crate::math::Ray;
+use crate::math::{Cone, Ray};
 use crate::residency::{Held, Lease, Shown};
 use crate::structure::{
     LocalRay, NEVER, Outcome, PartFilter, ShownBlocks, Tree, TriHit, Triangle, Visit, Walk, Within,
@@ -160,6 +159,13 @@ impl Found {
         self.placed != NOTHING
     }
 
+    /// The distance up to which a ray may still meet something better. Rounding may put a hit of a widened interval
+    /// before the interval; another tree may have an equal one.
+    #[inline]
+    pub(super) fn reach(&self, ray: &Ray) -> f64 {
+        if self.is_hit() { self.t.max(ray.t_min) } else { self.t }
+    }
+
     /// True if the ray entered a stand-in before its hit, or before its end. Then the way to the hit may not be free,
     /// and a miss may not be a true miss.
     #[inline]
@@ -239,41 +245,41 @@ impl Within for EndsIn<'_> {
 /// The state of one ray in a scene. Reusable.
 #[derive(Debug, Default)]
 pub(crate) struct SceneWalk {
-    /// A stack of the places that the ray has still to visit: the next one is the last.
-    places: Vec<Place>,
-    /// The walk through the placed tree that the ray is in.
+    /// The walk through the top tree, and the placement of the ray there.
+    top: Walk,
+    at_top: Option<At>,
+    /// The placed tree that the ray is to enter next, in a scene of one.
+    only: Option<u32>,
+    /// The placed tree that the ray is in, and the walk there.
+    inside: Option<At>,
     tree: Walk,
     best: Option<Found>,
-}
-
-/// A place that a ray has still to visit.
-#[derive(Debug, Clone, Copy)]
-enum Place {
-    /// A node of the top tree, and the distance at which the ray enters it.
-    Node(NodeRef, f64),
-    /// A placed tree that the ray is in.
-    Tree(At),
 }
 
 impl SceneWalk {
     /// Puts the ray at the root.
     pub fn begin(&mut self, view: &SceneView, ray: &Ray) {
-        self.places.clear();
+        (self.at_top, self.only, self.inside) = (None, None, None);
         self.best = Some(Found::nothing(ray.t_max));
-        if ray.can_hit() {
-            self.places.extend(view.scene.placement.top.root().map(|root| Place::Node(root, 0.0)));
+        if !ray.can_hit() {
+            return;
+        }
+        match view.scene.placement.top.root().map(NodeRef::target) {
+            None => {}
+            Some(Target::Placed(placed)) => self.only = Some(placed),
+            Some(Target::Inner(_)) => self.at_top = view.enter_top(ray, &mut self.top),
         }
     }
 
     /// Gives back memory that the walk does not need now, because it is going to wait.
     pub fn fit(&mut self) {
-        self.places.shrink_to_fit();
+        self.top.fit();
         self.tree.fit();
     }
 
     /// Bytes of memory in addition to the walk itself.
     pub fn bytes(&self) -> u64 {
-        (self.places.capacity() * size_of::<Place>()) as u64 + self.tree.bytes()
+        self.top.bytes() + self.tree.bytes()
     }
 
     /// The best hit so far.
@@ -390,38 +396,49 @@ impl<'a> SceneView<'a> {
 
     /// Finds the closest hit of the ray that `walk` was begun with, or any hit if `ANY`.
     pub fn trace<const ANY: bool>(&self, ray: &Ray, walk: &mut SceneWalk) -> Step {
-        // A scene of one tree has no boxes.
-        let mut box_rays = None;
         let mut best = walk.best();
-        while let Some(place) = walk.places.pop() {
-            match place {
-                Place::Tree(at) => {
-                    if let Outcome::Pending(block) = self.trace_in::<ANY>(at, &mut walk.tree) {
-                        walk.places.push(place);
-                        return Step::Pending(self.need(at.placed, block));
-                    }
-                    best.offer::<ANY>(self.widen_interval, &at, walk.tree.best(), walk.tree.first_cell());
-                    walk.best = Some(best);
-                    if ANY && best.is_hit() {
-                        walk.places.clear();
-                    }
+        loop {
+            if let Some(at) = walk.inside {
+                if let Outcome::Pending(block) = self.trace_in::<ANY>(at, &mut walk.tree) {
+                    return Step::Pending(self.need(at.placed, block));
                 }
-                Place::Node(_, enter) if enter > best.t => {}
-                Place::Node(node, _) => match node.target() {
-                    Target::Placed(placed) => {
-                        if let Some(at) = self.enter(ray, placed, best.t, &mut walk.tree) {
-                            walk.places.push(Place::Tree(at));
-                        }
-                    }
-                    Target::Inner(index) => {
-                        let push = |node, enter| walk.places.push(Place::Node(node, enter));
-                        let box_rays = box_rays.get_or_insert_with(|| BoxRay::new(ray));
-                        self.for_each_child(box_rays, ray, index, best.t, push);
-                    }
-                },
+                best.offer::<ANY>(self.widen_interval, &at, walk.tree.best(), walk.tree.first_cell());
+                (walk.best, walk.inside) = (Some(best), None);
+                if ANY && best.is_hit() {
+                    return Step::Done;
+                }
             }
+            let next = match walk.only.take() {
+                None => walk.at_top.and_then(|at| self.next_placed(&at, best.reach(ray), &mut walk.top)),
+                only => only,
+            };
+            let Some(placed) = next else { return Step::Done };
+            walk.inside = self.enter(ray, placed, best.reach(ray), &mut walk.tree);
         }
-        Step::Done
+    }
+
+    /// Puts a ray into the top tree; `None` if it certainly meets no placed tree.
+    #[inline]
+    pub(super) fn enter_top(&self, ray: &Ray, walk: &mut Walk) -> Option<At> {
+        let (members, frame) = self.scene.placement.top.walked()?;
+        let mut local = LocalRay::NONE;
+        let (shift, scale) = frame.local(ray, ray.t_max, true, &mut local)?;
+        // No cell of this tree stands in.
+        local.cone = Cone::ZERO;
+        walk.begin(&members.tree(self.scene.context().isa()), &local);
+        Some(At { placed: NOTHING, shift, scale })
+    }
+
+    /// The next placed tree that a ray in the top tree may enter before `best`.
+    #[inline]
+    pub(super) fn next_placed(&self, at: &At, best: f64, walk: &mut Walk) -> Option<u32> {
+        let (members, _) = self.scene.placement.top.walked()?;
+        walk.shorten(at.in_tree(best));
+        match members.tree(self.scene.context().isa()).closest(None, walk) {
+            Outcome::Member(placed) => Some(placed),
+            // All blocks of this tree are in memory.
+            Outcome::Done | Outcome::Pending(_) => None,
+        }
     }
 
     /// Continues a walk in a placed tree.
@@ -446,26 +463,5 @@ impl<'a> SceneView<'a> {
         let (shift, scale) = p.local(ray, best, self.widen_interval, &mut local)?;
         walk.begin(&self.tree(placed), &local);
         Some(At { placed, shift, scale })
-    }
-
-    /// Calls `push` with the children of a top-tree node that a ray enters before `best`, and with the distances at
-    /// which it enters them. The nearest child comes last.
-    #[inline]
-    pub(super) fn for_each_child(
-        &self,
-        box_rays: &BoxRay,
-        ray: &Ray,
-        index: u32,
-        best: f64,
-        mut push: impl FnMut(NodeRef, f64),
-    ) {
-        let node = self.scene.placement.top.node(index);
-        let enter = [0, 1].map(|side| box_rays.enter(&node.bounds[side], ray.t_min, best));
-        let far = usize::from(enter[0] <= enter[1]);
-        for side in [far, 1 - far] {
-            if let Some(t) = enter[side] {
-                push(node.child[side], t);
-            }
-        }
     }
 }

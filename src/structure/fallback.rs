@@ -57,7 +57,7 @@ fn each(stream: &mut Stream, tree: &impl Rooted, hits: &mut [TriHit], go_on: imp
         stream.alone.begin(tree, &ray);
         match go_on(&mut stream.alone) {
             Outcome::Done => (*hit, stream.first_cell[i]) = (stream.alone.best(), stream.alone.first_cell()),
-            Outcome::Pending(_) => {
+            Outcome::Pending(_) | Outcome::Member(_) => {
                 *hit = TriHit::none(ray.t_max);
                 stream.unfinished.push(i as u32);
             }

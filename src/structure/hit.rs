@@ -16,6 +16,9 @@ pub enum Outcome {
     /// need up to four blocks at the same time, which it requests one after the other. A batch therefore keeps the last
     /// four blocks that it requested in memory.
     Pending(BlockId),
+    /// The walk is at the member with this number of a tree over members ([`super::Members`]). The caller traces the
+    /// ray there, shortens the walk by the hit that it found, and calls again.
+    Member(u32),
 }
 
 /// Hit of a ray in a tree.

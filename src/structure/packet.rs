@@ -111,6 +111,8 @@ pub struct PacketWalk {
     pub(super) common: Common,
     /// Rays that have not ended.
     pub(super) waiting: u32,
+    /// Rays that are at the member of the last [`super::Outcome::Member`].
+    pub(super) at_member: u32,
     /// True if no ray has left the root.
     pub(super) is_new: bool,
     /// Distance at which each ray first entered a stand-in, see [`Walk::first_cell`].
@@ -148,6 +150,7 @@ impl PacketWalk {
             together: false,
             common: Common::default(),
             waiting: 0,
+            at_member: 0,
             is_new: false,
             first_cell: [[f32::INFINITY; 16]; VECTORS],
             alone: Walk::new(),
@@ -196,6 +199,28 @@ impl PacketWalk {
     #[inline]
     pub fn set_dirs_of(&mut self, tree: &impl Rooted, rays: &[Ray; PACKET], is_exact: bool) {
         dispatch(tree.isa(), SetDirs { walk: self, rays: must_cast_ref(rays), is_exact });
+    }
+
+    /// The rays at the member of the last [`super::Outcome::Member`].
+    #[inline]
+    pub fn at_member(&self) -> u32 {
+        self.at_member
+    }
+
+    /// Ignores all that is beyond `t` on ray `i` from now on.
+    #[inline]
+    pub fn shorten(&mut self, i: usize, t: f32) {
+        let least = at_mut(&mut self.hits.t, i);
+        if t < *least {
+            *least = t;
+            self.hits.some &= !(1 << i);
+        }
+    }
+
+    /// Ends ray `i`.
+    #[inline]
+    pub fn stop(&mut self, i: usize) {
+        self.waiting &= !(1 << i);
     }
 
     /// Sets the state as if all rays had been traced and missed. The distances of the rays are unspecified.

@@ -32,6 +32,7 @@ use crate::store::Proxies;
 use glam::{DVec3, Vec3};
 use std::sync::atomic::AtomicBool;
 
+pub use bvh::members::{Child as MemberChild, Members};
 pub use bvh::trace::Bundle;
 
 /// A flag that nothing sets, for walks that nothing stops.

@@ -75,6 +75,14 @@ impl Walk {
         self.put_at_root(tree, ray);
     }
 
+    /// Ignores all that is beyond `t` from now on.
+    #[inline]
+    pub fn shorten(&mut self, t: f32) {
+        if t < self.best.t {
+            self.best = TriHit::none(t);
+        }
+    }
+
     /// Gives back memory that the walk does not need now.
     pub fn fit(&mut self) {
         self.stack.shrink_to_fit();

@@ -282,8 +282,9 @@ impl<'a> Walker<'a> {
         let below = |i: usize| match entry.at[i] {
             At::Top(node) => match node.target() {
                 Target::Inner(index) => {
-                    let node = self.sets[i].top().node(index);
-                    [0, 1].map(|side| (At::Top(node.child[side]), node.bounds[side])).to_vec()
+                    let mut children = Vec::new();
+                    self.sets[i].top().children(index, |child, bounds| children.push((At::Top(child), bounds)));
+                    children
                 }
                 Target::Placed(index) => {
                     let root = self.sets[i].enters(index).then(|| self.sets[i].tree(self.view, index).root()).flatten();

@@ -186,10 +186,11 @@ impl<'a> Walker<'a> {
             }
             Target::Placed(_) => {}
             Target::Inner(index) => {
-                let node = self.among.top().node(index);
-                let squared = node.bounds.each_ref().map(|bounds| bounds.squared_distance_to(p));
-                let order = if squared[0] <= squared[1] { [1, 0] } else { [0, 1] };
-                stack.extend(order.map(|side| Entry { squared: squared[side], at: At::Top(node.child[side]) }));
+                let bottom = stack.len();
+                self.among.top().children(index, |child, bounds| {
+                    stack.push(Entry { squared: bounds.squared_distance_to(p), at: At::Top(child) });
+                });
+                sort_nearest_last(&mut stack[bottom..], |entry| entry.squared);
             }
         }
     }

@@ -125,8 +125,8 @@ fn read_curtains(reader: &mut Reader, parts: &[u32]) -> Checked<(Vec<u32>, Vec<u
 fn kinds(node: &Node) -> u16 {
     slots(node).fold(0, |bits, slot| {
         let kind = match Child::from_bits(u32::from(node.child[slot])) {
-            Some(Child::Node(_)) => 1,
-            Some(Child::Leaf(_)) => 2,
+            Child::Node(_) => 1,
+            Child::Leaf(_) => 2,
             _ => 3,
         };
         bits | kind << (2 * slot)
@@ -205,7 +205,7 @@ fn read_externals(reader: &mut Reader, count: usize, place: Place) -> Checked<Ve
         if id <= place.id || id >= place.end {
             return wrong("an external reference refers to an invalid block");
         }
-        let is_node = matches!(Child::from_bits(child), Some(Child::Node(index)) if index < MAX_NODES);
+        let is_node = matches!(Child::from_bits(child), Child::Node(index) if index < MAX_NODES);
         if !is_node || child > u32::from(u16::MAX) {
             return wrong("an external reference does not refer to a node");
         }

@@ -139,7 +139,7 @@ impl Decoder for BvhDecoder {
 /// The nodes of other blocks that a block refers to.
 fn nodes_elsewhere(block: &Block) -> impl Iterator<Item = (BlockId, u32)> {
     // The decoder has already refused references to anything but nodes.
-    block.all_externals().filter_map(|(to, child)| match Child::from_bits(child)? {
+    block.all_externals().filter_map(|(to, child)| match Child::from_bits(child) {
         Child::Node(node) => Some((BlockId(to), node as u32)),
         _ => None,
     })

@@ -105,6 +105,8 @@ pub enum Child {
     Leaf(usize),
     /// A node in another block, by the first word of the external reference.
     External(usize),
+    /// A member, in trees over members instead of triangles, by the word that holds its number. Files have none.
+    Member(usize),
 }
 
 /// First bit of a reference's kind; see [`Child`].
@@ -115,13 +117,13 @@ pub(super) const INDEX_MASK: u32 = (1 << KIND_SHIFT) - 1;
 impl Child {
     /// Decodes a reference. Bits above the 16th are ignored.
     #[inline(always)]
-    pub fn from_bits(bits: u32) -> Option<Self> {
+    pub fn from_bits(bits: u32) -> Self {
         let index = (bits & INDEX_MASK) as usize;
         match bits >> KIND_SHIFT & 3 {
-            0 => Some(Child::Node(index)),
-            1 => Some(Child::Leaf(index)),
-            2 => Some(Child::External(index)),
-            _ => None,
+            0 => Child::Node(index),
+            1 => Child::Leaf(index),
+            2 => Child::External(index),
+            _ => Child::Member(index),
         }
     }
 
@@ -131,12 +133,19 @@ impl Child {
         bits >> KIND_SHIFT & 3 == 1
     }
 
+    /// True if a reference points at a leaf or a member: no node is below it.
+    #[inline(always)]
+    pub fn is_end(bits: u32) -> bool {
+        bits >> KIND_SHIFT & 1 == 1
+    }
+
     /// Encodes the reference.
     pub fn to_bits(self) -> u16 {
         let (kind, index) = match self {
             Child::Node(i) => (0, i),
             Child::Leaf(i) => (1, i),
             Child::External(i) => (2, i),
+            Child::Member(i) => (3, i),
         };
         debug_assert!(index <= INDEX_MASK as usize);
         (kind << KIND_SHIFT | index as u32 & INDEX_MASK) as u16
@@ -490,6 +499,12 @@ impl<'a> Block<'a> {
         self.words[self.words[3] as usize + index]
     }
 
+    /// The number of the member at word `at`.
+    #[inline(always)]
+    pub fn member(&self, at: usize) -> u32 {
+        self.words[at]
+    }
+
     /// The leaf that begins at word `at`.
     #[inline(always)]
     pub fn leaf(&self, at: usize) -> Leaf<'a> {
@@ -515,9 +530,8 @@ mod tests {
 
     #[test]
     fn child_references_round_trip() {
-        for child in [Child::Node(0), Child::Node(16383), Child::Leaf(4), Child::External(77)] {
-            assert_eq!(Child::from_bits(u32::from(child.to_bits())), Some(child));
+        for child in [Child::Node(0), Child::Node(16383), Child::Leaf(4), Child::External(77), Child::Member(9)] {
+            assert_eq!(Child::from_bits(u32::from(child.to_bits())), child);
         }
-        assert_eq!(Child::from_bits(3 << 14), None);
     }
 }

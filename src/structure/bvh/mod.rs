@@ -9,6 +9,7 @@ mod codec_tests;
 mod decoder;
 pub mod layout;
 pub mod leaf;
+pub(in crate::structure) mod members;
 pub(in crate::structure) mod nodes;
 pub(in crate::structure) mod normals;
 pub mod open;

@@ -28,7 +28,7 @@ fn starts<'a>(block: &Block<'a>) -> impl Iterator<Item = usize> + use<'a> {
 /// Decodes the item of a place.
 #[inline(always)]
 fn decoded(item: u32) -> Option<Child> {
-    if item > u32::from(u16::MAX) { None } else { Child::from_bits(item) }
+    if item > u32::from(u16::MAX) { None } else { Some(Child::from_bits(item)) }
 }
 
 /// See [`crate::structure::open::Nodes::node`].
@@ -78,11 +78,11 @@ fn inner(block: &Block, id: u32, index: usize, (leaves_at, origin): (u32, &[f64;
     for slot in (0..WIDTH).filter(|slot| node.valid >> slot & 1 == 1) {
         let child = u32::from(node.child[slot]);
         let place = match Child::from_bits(child) {
-            Some(Child::External(at)) => {
+            Child::External(at) => {
                 let (block, item) = block.external(at);
                 Place { block, item }
             }
-            Some(Child::Leaf(_)) => Place { block: id + leaves_at, item: child },
+            Child::Leaf(_) => Place { block: id + leaves_at, item: child },
             _ => Place { block: id, item: child },
         };
         let bounds: NodeBox = std::array::from_fn(|row| boxes[row][slot]);

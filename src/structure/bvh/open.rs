@@ -32,7 +32,7 @@ impl Start {
     /// contradict each other. The root's existence is checked when its block is read.
     pub fn of(file: &ModelFile, row: &TreeRow) -> Result<Self, &'static str> {
         let child = u32::try_from(row.root).ok().filter(|root| *root <= u32::from(u16::MAX));
-        let is_node = matches!(child.and_then(Child::from_bits), Some(Child::Node(index)) if index < MAX_NODES);
+        let is_node = matches!(child.map(Child::from_bits), Some(Child::Node(index)) if index < MAX_NODES);
         let is_empty = row.block_count == 0;
         if !(is_node || is_empty) {
             return Err("the root of the tree does not exist");

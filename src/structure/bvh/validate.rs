@@ -51,8 +51,8 @@ fn check_header(words: &[u32]) -> Result<(), String> {
 fn check_tables(block: &Block, place: Place) -> Result<(), String> {
     for (to, child) in block.all_externals() {
         ensure(place.id < to && to < place.end, "an external reference refers to an invalid block")?;
-        let is_node = child <= u32::from(u16::MAX)
-            && matches!(Child::from_bits(child), Some(Child::Node(index)) if index < MAX_NODES);
+        let is_node =
+            child <= u32::from(u16::MAX) && matches!(Child::from_bits(child), Child::Node(index) if index < MAX_NODES);
         ensure(is_node, "an external reference does not refer to a node")?;
     }
     ensure(!has_duplicates(block.all_externals().map(|(to, child)| [to, child])), TWO_PARENTS)?;
@@ -163,13 +163,13 @@ fn check_nodes(block: &Block, leaves: &[usize], holds: Holds) -> Result<(), Stri
         for slot in (0..WIDTH).filter(|s| node.valid >> s & 1 == 1) {
             let met = match Child::from_bits(node.child[slot].into()) {
                 // The existence of this leaf cannot be checked without the leaf block.
-                Some(Child::Leaf(at)) if holds == Holds::NodesOverLeaves => {
+                Child::Leaf(at) if holds == Holds::NodesOverLeaves => {
                     met_elsewhere.push(at);
                     continue;
                 }
-                Some(Child::Node(n)) if n > i => met_nodes.get_mut(n),
-                Some(Child::Leaf(at)) => leaves.binary_search(&at).ok().map(|l| &mut met_leaves[l]),
-                Some(Child::External(at)) => {
+                Child::Node(n) if n > i => met_nodes.get_mut(n),
+                Child::Leaf(at) => leaves.binary_search(&at).ok().map(|l| &mut met_leaves[l]),
+                Child::External(at) => {
                     let number = block.number_of_external(at).ok_or("a node has an invalid child reference")?;
                     ensure(block.place_of_external(at) == (i, slot), "an external reference has a wrong node or slot")?;
                     met_externals.get_mut(number)

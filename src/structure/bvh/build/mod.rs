@@ -18,6 +18,7 @@ mod encode;
 mod join;
 mod leaf;
 mod lines;
+pub mod members;
 mod partition;
 mod proxies;
 mod content;

@@ -172,12 +172,12 @@ impl<const LOD: bool> Op for Together<'_, '_, LOD> {
             if let Some(words) = view.visit(entry.block) {
                 let block = Block::new(words);
                 match Child::from_bits(entry.child) {
-                    Some(Child::Leaf(at)) => {
+                    Child::Leaf(at) => {
                         wide += u32::from(entry.packets.count_ones() >= WIDE);
                         bundle_leaf::leaf(s, view, filter, bundle, &entry, block, at);
                         continue;
                     }
-                    Some(Child::Node(index)) => {
+                    Child::Node(index) => {
                         let packets = entry.packets.count_ones();
                         let is_few = packets <= FEW[usize::from(left > wide + MORE)];
                         if !is_few
@@ -283,7 +283,7 @@ fn node<S: Simd>(
         let planes = boxes.planes_of(slot);
         let child = u32::from(node.child[slot]);
         let (id, child, is_there) = ahead::follow(is_large, view, block, entry.block, child);
-        if !is_there || matches!(Child::from_bits(child), Some(Child::External(_))) {
+        if !is_there || matches!(Child::from_bits(child), Child::External(_)) {
             bundle.stack.truncate(bottom);
             return false;
         }

@@ -225,18 +225,18 @@ impl TreeView<'_> {
         let Place { block: id, item: child } = place;
         let block = Block::new(self.visit(id).ok_or(BlockId(id))?);
         match Child::from_bits(child) {
-            Some(Child::Node(index)) => {
+            Child::Node(index) => {
                 let node = block.node(index);
                 for slot in (0..WIDTH).filter(|slot| node.valid >> slot & 1 == 1) {
                     let child = u32::from(node.child[slot]);
                     let (to, item) = match Child::from_bits(child) {
-                        Some(Child::External(at)) => block.external(at),
+                        Child::External(at) => block.external(at),
                         _ => (self.home_of(id, child), child),
                     };
                     (below.child)(Place { block: to, item }, &node.child_box(slot), Child::is_leaf(child));
                 }
             }
-            Some(Child::Leaf(at)) => {
+            Child::Leaf(at) => {
                 let leaf = block.leaf(at);
                 for i in 0..leaf.triangles {
                     let hit = TriHit { block: id, tri: (at as u32) << 3 | i as u32, ..TriHit::none(0.0) };
@@ -245,7 +245,7 @@ impl TreeView<'_> {
                 }
             }
             // A place never holds an external reference: the node branch above resolves them.
-            Some(Child::External(_)) | None => {}
+            Child::External(_) | Child::Member(_) => {}
         }
         Ok(())
     }

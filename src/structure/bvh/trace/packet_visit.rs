@@ -112,7 +112,7 @@ pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
                 break;
             }
             match Child::from_bits(entry.child) {
-                Some(Child::Node(index)) => {
+                Child::Node(index) => {
                     walk.counters.nodes += 1;
                     let (bottom, here) = (walk.stack.len(), Here { block, id: entry.block, index });
                     let is_few = entry.rays.count_ones() <= packet_few::FEW;
@@ -146,7 +146,7 @@ pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
                     }
                     entry = nearest;
                 }
-                Some(Child::Leaf(at)) => {
+                Child::Leaf(at) => {
                     walk.counters.leaves += 1;
                     walk.counters.leaf_lines += block.leaf(at).lines(at) as u64;
                     let outcome = leaf::<S, ANY>(s, tree, walk, entry, block, at);
@@ -156,7 +156,7 @@ pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
                     far = farthest(s, &walk.hits.t);
                     break;
                 }
-                Some(Child::External(at)) => {
+                Child::External(at) => {
                     walk.counters.blocks += 1;
                     let (next, below) = block.external(at);
                     let Some(words) = view.visit(next) else {
@@ -174,7 +174,10 @@ pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
                     (entry.block, entry.child) = (next, below);
                     block = Block::new(words);
                 }
-                None => break,
+                Child::Member(at) => {
+                    walk.at_member = entry.rays;
+                    return Outcome::Member(block.member(at));
+                }
             }
         }
     }
@@ -203,6 +206,7 @@ fn each_alone<S: Simd, const ANY: bool, const LOD: bool>(
         let outcome = single::visit::<S, ANY, LOD>(s, Seen { view, filter }, &ray, alone);
         keep(walk, i, &best);
         if outcome != Outcome::Done {
+            walk.at_member = 1 << i;
             // The other rays visit this entry later; this ray continues with its remaining entries.
             walk.stack.push(PacketEntry { rays: rays & (rays - 1), ..entry });
             let left = walk.alone.stack.iter();
@@ -262,7 +266,7 @@ fn nearest_child<S: Simd, const ANY: bool, const LOD: bool>(
             few[slot]
         } else if LOD && boxes.small >> slot & 1 == 1 {
             packet_cells::stand_in::<S, ANY>(s, tree, here, slot, boxes, entry.rays, walk)
-        } else if !common.one_origin || boxes.narrow >> slot & 1 == 1 || Child::is_leaf(child) {
+        } else if !common.one_origin || boxes.narrow >> slot & 1 == 1 || Child::is_end(child) {
             meet(s, &boxes.planes_of(slot), common.one_origin, walk) & entry.rays
         } else {
             entry.rays

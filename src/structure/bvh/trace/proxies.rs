@@ -37,10 +37,10 @@ impl<'a> TreeView<'a> {
         let (node, slot) = place_of(cell);
         let block = Block::new(self.snapshot.block(BlockId(id))?);
         let (block, node) = match Child::from_bits(u32::from(block.node(node).child[slot])) {
-            Some(Child::Node(below)) => (id, below),
-            Some(Child::External(at)) => {
+            Child::Node(below) => (id, below),
+            Child::External(at) => {
                 let (block, child) = block.external(at);
-                let Some(Child::Node(below)) = Child::from_bits(child) else { return None };
+                let Child::Node(below) = Child::from_bits(child) else { return None };
                 (block, below)
             }
             _ => (id, node),

@@ -19,7 +19,7 @@ impl TreeView<'_> {
         let block = Block::new(self.visit(id).ok_or(BlockId(id))?);
         (rows.mask, rows.is_leaf, rows.leaves) = (0, false, 0);
         match Child::from_bits(item) {
-            Some(Child::Node(index)) => {
+            Child::Node(index) => {
                 let node = block.node(index);
                 for row in 0..6 {
                     let (step, origin) = (node.step(row % 3), node.origin[row % 3]);
@@ -33,7 +33,7 @@ impl TreeView<'_> {
                     let slot = slot % WIDTH;
                     let child = u32::from(node.child[slot]);
                     let (block_of, item) = match Child::from_bits(child) {
-                        Some(Child::External(at)) => block.external(at),
+                        Child::External(at) => block.external(at),
                         _ => (self.home_of(id, child), child),
                     };
                     rows.places[slot] = Place { block: block_of, item };
@@ -46,7 +46,7 @@ impl TreeView<'_> {
                     }
                 }
             }
-            Some(Child::Leaf(at)) => {
+            Child::Leaf(at) => {
                 let leaf = block.leaf(at);
                 let count = leaf.triangles.min(COLUMNS);
                 (rows.mask, rows.is_leaf) = ((1 << count) - 1, true);
@@ -60,7 +60,7 @@ impl TreeView<'_> {
                 rows.first = TriHit { block: id, tri: (at as u32) << 3, ..TriHit::none(0.0) };
             }
             // A place never holds an external reference.
-            Some(Child::External(_)) | None => {}
+            Child::External(_) | Child::Member(_) => {}
         }
         Ok(())
     }

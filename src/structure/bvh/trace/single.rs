@@ -129,7 +129,7 @@ pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
         let mut child = entry.child;
         loop {
             match Child::from_bits(child) {
-                Some(Child::Node(index)) => {
+                Child::Node(index) => {
                     counters.nodes += 1;
                     let here = Here { block, id: block_id, index };
                     let node = here.node();
@@ -154,7 +154,7 @@ pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
                     }
                     child = nearest.child;
                 }
-                Some(Child::Leaf(at)) => {
+                Child::Leaf(at) => {
                     counters.leaves += 1;
                     let leaf = block.leaf(at);
                     counters.leaf_lines += leaf.lines(at) as u64;
@@ -177,7 +177,7 @@ pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
                     }
                     break;
                 }
-                Some(Child::External(at)) => {
+                Child::External(at) => {
                     counters.blocks += 1;
                     let (next, below) = block.external(at);
                     let Some(words) = view.visit(next) else {
@@ -196,7 +196,7 @@ pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
                     };
                     (block_id, block, child) = (next, Block::new(words), below);
                 }
-                None => break,
+                Child::Member(at) => return Outcome::Member(block.member(at)),
             }
         }
     }

@@ -152,7 +152,7 @@ fn judge_parts(view: &TreeView, here: Here, slot: usize, filter: &PartFilter) ->
 /// Returns the block whose list of parts has all parts of the cell in `slot` of a node.
 fn lister(here: Here, slot: usize) -> u32 {
     match Child::from_bits(u32::from(here.node().child[slot])) {
-        Some(Child::External(at)) => here.block.external(at).0,
+        Child::External(at) => here.block.external(at).0,
         _ => here.id,
     }
 }
@@ -175,8 +175,8 @@ impl<'a> TreeView<'a> {
         let (node, slot) = place_of(stand_in);
         let child = u32::from(block.node(node).child[slot]);
         match Child::from_bits(child) {
-            Some(Child::External(at)) => Some(block.external(at).0),
-            Some(Child::Leaf(_)) => Some(hit.block + self.leaves_at),
+            Child::External(at) => Some(block.external(at).0),
+            Child::Leaf(_) => Some(hit.block + self.leaves_at),
             _ => None,
         }
     }

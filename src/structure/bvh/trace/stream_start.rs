@@ -94,12 +94,12 @@ pub(super) fn start<S: Simd, const ANY: bool, const LOD: bool>(s: S, run: &mut S
         // needs room too.
         let is_roomy = group.count + WIDTH <= ROOM && group.deepest + group.count + WIDTH + FOR_WALKS < DEPTH;
         if is_roomy && entry.rays.count_ones() >= FEWEST {
-            if let Some(Child::External(at)) = Child::from_bits(entry.child)
+            if let Child::External(at) = Child::from_bits(entry.child)
                 && let Some(next) = follow(run, &entry, at)
             {
                 (entry.block, entry.child) = next;
             }
-            if let Some(Child::Node(index)) = Child::from_bits(entry.child)
+            if let Child::Node(index) = Child::from_bits(entry.child)
                 && let Some(words) = view.words(entry.block)
             {
                 let here = Here { block: Block::new(words), id: entry.block, index };
