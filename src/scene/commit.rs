@@ -12,6 +12,7 @@ use crate::base::error::{Error, Result};
 use crate::base::memory::room;
 use crate::math::DBounds;
 use crate::residency::{UNCOUNTED, counted};
+use glam::DMat3;
 use std::sync::Arc;
 
 /// Greatest number of levels of scenes in scenes: functions that follow them call themselves.
@@ -176,6 +177,8 @@ impl Placing {
         let mut hits: Vec<(u32, DBounds)> = room(self.count, what)?;
         let (mut singles, mut firsts) = (room(self.singles, what)?, room(instances.len(), what)?);
         let (mut around, mut position_error) = (DBounds::EMPTY, 0.0f64);
+        // Bytes of measures that are not stored.
+        let mut left = 0;
         let mut add = |placed: &Placed, hits: &mut Vec<(u32, DBounds)>| {
             hits.push((
                 hits.len() as u32,
@@ -197,30 +200,30 @@ impl Placing {
         let mut placement = Placement { count: self.count as u32, singles, firsts, ..Placement::default() };
         for (it, of) in draft.arrays.iter().zip(of.arrays) {
             let first_instance = placement.instance_count() as u32;
-            let array = placed_array(it, &of, [hits.len() as u32, first_instance])?;
-            for number in array.first..array.first + array.measures.len() as u32 {
+            let (array, count) = placed_array(it, &of, [hits.len() as u32, first_instance])?;
+            for number in array.first..array.first + count {
                 add(&array.placed(number, models), &mut hits);
             }
+            left += (count as usize - array.measures.len()) * size_of::<Measures>();
             placement.arrays.push(array);
         }
         for ((it, inner), models) in draft.scenes.values().zip(scenes).zip(of.scenes) {
             let (first, first_instance) = (hits.len() as u32, placement.instance_count() as u32);
             let (id, world_from_scene, scene) = (it.id, it.world_from_scene, Arc::clone(inner));
-            let mut measures = room(inner.placement.len(), what)?;
-            for placed in inner.all_placed() {
-                let map = world_from_scene * placed.world_from_mesh();
-                let why =
-                    |_| Error::bad_argument(format!("scene {id}: all transforms down to an instance are singular"));
-                check_transform(&map).map_err(why)?;
-                measures.push(Measures::of(&map.matrix3));
+            let count = inner.placement.len();
+            let maps = || inner.all_placed().map(|placed| world_from_scene * placed.world_from_mesh());
+            if maps().any(|map| check_transform(&map).is_err()) {
+                let why = format!("scene {id}: all transforms down to an instance are singular");
+                return Err(Error::bad_argument(why));
             }
-            let count = measures.len() as u32;
+            let measures = all_measures(count, || maps().map(|map| map.matrix3))?;
+            left += (count - measures.len()) * size_of::<Measures>();
             let placed = PlacedScene { id, first, first_instance, scene, world_from_scene, models, measures };
-            (first..first + count).for_each(|number| add(&placed.placed(number), &mut hits));
+            (first..first + count as u32).for_each(|number| add(&placed.placed(number), &mut hits));
             placement.scenes.push(placed);
         }
         placement.top = TopTree::build(hits)?;
-        memory.shrink_to(self.bytes - (self.count * Self::BUILD) as u64 + placement.top.bytes());
+        memory.shrink_to(self.bytes - (self.count * Self::BUILD + left) as u64 + placement.top.bytes());
         (placement.bounds, placement.position_error, placement._memory) = (around, position_error, memory);
         Ok(placement)
     }
@@ -232,9 +235,19 @@ struct OfModels {
     scenes: Vec<Vec<u32>>,
 }
 
-/// The placed trees of an array. `models`: the indices of its models; `first`: the numbers of its first tree and
-/// instance.
-fn placed_array(it: &DraftArray, models: &[u32], [first, first_instance]: [u32; 2]) -> Result<PlacedArray> {
+/// The measures of `count` maps; none if all change all lengths alike.
+fn all_measures<I: Iterator<Item = DMat3>>(count: usize, linear: impl Fn() -> I) -> Result<Vec<Measures>> {
+    let are_known = linear().all(|linear| Measures::of_similarity(&linear).is_some());
+    let mut measures = room(if are_known { 0 } else { count }, "the placed trees of a scene")?;
+    if !are_known {
+        measures.extend(linear().map(|linear| Measures::of(&linear)));
+    }
+    Ok(measures)
+}
+
+/// The placed trees of an array, and their number. `models`: the indices of its models; `first`: the numbers of its
+/// first tree and instance.
+fn placed_array(it: &DraftArray, models: &[u32], [first, first_instance]: [u32; 2]) -> Result<(PlacedArray, u32)> {
     let what = "the placed trees of a scene";
     let prototype = |(&model, it): (&u32, &Model)| Prototype { model, places: it.placements().collect() };
     let prototypes: Vec<Prototype> = models.iter().zip(&it.models).map(prototype).collect();
@@ -249,12 +262,10 @@ fn placed_array(it: &DraftArray, models: &[u32], [first, first_instance]: [u32; 
         }
         starts.push(count as u32);
     }
-    let mut measures = room(count, what)?;
-    for (member, at) in (0..).zip(array.prototypes()) {
+    let of_member = |(member, at): (u32, usize)| {
         let world_from_model = array.transform(member);
-        for (.., model_from_mesh) in &prototypes[at].places {
-            measures.push(Measures::of(&(world_from_model * *model_from_mesh).matrix3));
-        }
-    }
-    Ok(PlacedArray { array, first, first_instance, prototypes, starts, measures })
+        prototypes[at].places.iter().map(move |place| (world_from_model * place.2).matrix3)
+    };
+    let measures = all_measures(count, || (0..).zip(array.prototypes()).flat_map(of_member))?;
+    Ok((PlacedArray { array, first, first_instance, prototypes, starts, measures }, count as u32))
 }

@@ -139,6 +139,17 @@ pub(crate) fn largest_singular_value(m: &DMat3) -> f64 {
     greatest.max(0.0).sqrt() * size * (1.0 + 1e-12)
 }
 
+/// The square of the factor by which a map changes all lengths, if it changes all alike within a part in a billion. `s`
+/// is the product of the transpose of its linear part and that part. The square is an upper bound: rows of `s` bound its
+/// eigenvalues (Gershgorin).
+fn square_of_similarity(s: &DMat3) -> Option<f64> {
+    let sizes = s.abs();
+    let rows = sizes.x_axis + sizes.y_axis + sizes.z_axis;
+    let least = s.x_axis.x.min(s.y_axis.y).min(s.z_axis.z);
+    let square = rows.max_element();
+    (square <= least * (1.0 + 1e-9)).then_some(square)
+}
+
 /// Bound of the distance between a point and `there` of `back` of it, as a fraction of the greatest coordinate. It adds
 /// the difference of the product from the identity and eight roundings of its terms, which are large for skewed
 /// transforms.
@@ -151,21 +162,39 @@ fn loss(there: &DMat3, back: &DMat3) -> f64 {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Measures {
     /// See [`Placed::stretch`].
-    pub stretch: f64,
+    stretch: f64,
     /// Relative rounding error of a transformation there and back.
-    pub loss: f64,
+    loss: f64,
 }
+
+/// A bound of [`loss`] for maps that change all lengths alike. No element of a rotation exceeds 1, so eight roundings
+/// are at most 24 times the root of 3. As much again bounds the difference of the product from the identity, twice
+/// over.
+const LOSS_OF_SIMILARITY: f64 = 128.0 * f64::EPSILON;
 
 impl Measures {
     /// The measures of `linear`, which [`check_transform`] accepts.
     pub fn of(linear: &DMat3) -> Self {
-        let is_turned = *linear != DMat3::IDENTITY;
-        let turned = || {
+        Self::of_similarity(linear).unwrap_or_else(|| {
             let inverse = linear.inverse();
-            loss(linear, &inverse).max(loss(&inverse, linear))
-        };
-        let loss = if is_turned { turned() } else { 8.0 * f64::EPSILON };
-        Self { stretch: largest_singular_value(linear), loss }
+            let loss = loss(linear, &inverse).max(loss(&inverse, linear));
+            Self { stretch: largest_singular_value(linear), loss }
+        })
+    }
+
+    /// The measures of a linear part that changes all lengths alike; `None` for others, which take much longer.
+    #[inline]
+    pub fn of_similarity(linear: &DMat3) -> Option<Self> {
+        if *linear == DMat3::IDENTITY {
+            return Some(Self { stretch: 1.0, loss: 8.0 * f64::EPSILON });
+        }
+        // Outside of this range squares overflow or lose digits.
+        let size = linear.x_axis.abs().max_element();
+        if !(1e-100..=1e100).contains(&size) {
+            return None;
+        }
+        let square = square_of_similarity(&(linear.transpose() * *linear))?;
+        Some(Self { stretch: square.sqrt() * (1.0 + 1e-12), loss: LOSS_OF_SIMILARITY })
     }
 }
 

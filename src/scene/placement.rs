@@ -8,7 +8,7 @@ use super::state::SceneState;
 use super::top::TopTree;
 use crate::math::DBounds;
 use crate::residency::Kept;
-use glam::DAffine3;
+use glam::{DAffine3, DMat3};
 use std::sync::Arc;
 
 /// The placed trees of a scene, by number: those of single instances in the order added, each with its trees in the
@@ -58,7 +58,7 @@ pub(super) struct PlacedArray {
     pub prototypes: Vec<Prototype>,
     /// The placed trees before each member, from `first` on. Empty if each member has one.
     pub starts: Vec<u32>,
-    /// Of each placed tree.
+    /// Of each placed tree; empty if all maps change all lengths alike.
     pub measures: Vec<Measures>,
 }
 
@@ -75,8 +75,14 @@ pub(super) struct PlacedScene {
     pub world_from_scene: DAffine3,
     /// The index, in the outer scene, of each of its models.
     pub models: Vec<u32>,
-    /// Of each placed tree.
+    /// Of each placed tree; empty if all maps change all lengths alike.
     pub measures: Vec<Measures>,
+}
+
+/// The measures of placed tree `at` of an array or a scene.
+#[inline]
+fn measures(stored: &[Measures], at: u32, linear: &DMat3) -> Measures {
+    stored.get(at as usize).copied().unwrap_or_else(|| Measures::of(linear))
 }
 
 impl PlacedScene {
@@ -85,7 +91,7 @@ impl PlacedScene {
         let inner = self.scene.placed(number - self.first);
         let stored = &self.scene.models[inner.model as usize].trees()[inner.tree as usize];
         let world_from_mesh = self.world_from_scene * inner.world_from_mesh();
-        let measures = self.measures[(number - self.first) as usize];
+        let measures = measures(&self.measures, number - self.first, &world_from_mesh.matrix3);
         Placed::measured(stored, self.outer(**inner), &world_from_mesh, measures)
     }
 
@@ -153,7 +159,8 @@ impl PlacedArray {
         let ids = PlacedIds { model: prototype.model, tree, instance: self.first_instance + member, first_part };
         let stored = &models[prototype.model as usize].trees()[tree as usize];
         let world_from_mesh = self.array.transform(member) * model_from_mesh;
-        Placed::measured(stored, ids, &world_from_mesh, self.measures[(number - self.first) as usize])
+        let measures = measures(&self.measures, number - self.first, &world_from_mesh.matrix3);
+        Placed::measured(stored, ids, &world_from_mesh, measures)
     }
 }
 
