@@ -1,10 +1,11 @@
 //! Arrays of instances: many instances of a few models, with a transform each and next to nothing else.
 
+use super::measures::check_transform;
 use super::model::Model;
-use super::placed::check_transform;
 use crate::base::error::{Error, Result};
 use crate::residency::{Kept, Residency};
 use glam::{DAffine3, DMat3, DQuat, DVec3};
+use std::ops::Range;
 use std::sync::Arc;
 
 /// A position with a rotation and a scale, in 48 bytes.
@@ -81,16 +82,26 @@ impl Transforms {
         })
     }
 
-    /// Overwrites transforms from `first` on. Fails with `BadArgument` for those of another form.
-    fn overwrite(&mut self, first: usize, by: &Self) -> Result<()> {
-        let range = first..first + by.len();
+    /// Overwrites transforms from `first` on by those of `by` in `range`. Fails with `BadArgument` for those of another
+    /// form.
+    fn overwrite(&mut self, first: usize, by: &Self, range: Range<usize>) -> Result<()> {
+        let to = first..first + range.len();
         match (self, by) {
-            (Self::Affine(all), Self::Affine(by)) => Arc::make_mut(all)[range].copy_from_slice(by),
-            (Self::Affine32(all), Self::Affine32(by)) => Arc::make_mut(all)[range].copy_from_slice(by),
-            (Self::Places(all), Self::Places(by)) => Arc::make_mut(all)[range].copy_from_slice(by),
+            (Self::Affine(all), Self::Affine(by)) => Arc::make_mut(all)[to].copy_from_slice(&by[range]),
+            (Self::Affine32(all), Self::Affine32(by)) => Arc::make_mut(all)[to].copy_from_slice(&by[range]),
+            (Self::Places(all), Self::Places(by)) => Arc::make_mut(all)[to].copy_from_slice(&by[range]),
             _ => return Err(Error::bad_argument("the instances of the array have transforms of another form")),
         }
         Ok(())
+    }
+
+    /// A copy of some.
+    fn copy(&self, range: Range<usize>) -> Self {
+        match self {
+            Self::Affine(all) => Self::Affine(all[range].into()),
+            Self::Affine32(all) => Self::Affine32(all[range].into()),
+            Self::Places(all) => Self::Places(all[range].into()),
+        }
     }
 }
 
@@ -112,12 +123,19 @@ pub struct Instances {
 /// The memory of arrays, for messages.
 const WHAT: &str = "an array of instances";
 
+/// Number of transforms of a page: the least that is copied if others hold the array.
+const PAGE: usize = 512;
+
 /// The content of an array in a scene.
 pub(super) struct Array {
     prototype_of: Arc<[u32]>,
     transforms: Transforms,
+    /// Pages of transforms that replace those of `transforms`. Empty if there are none.
+    pages: Vec<Option<Transforms>>,
     pub first_id: u64,
-    _memory: Kept,
+    /// Of `transforms`, shared with the arrays that this one is made of.
+    memory: Arc<Kept>,
+    _pages: Kept,
 }
 
 impl Array {
@@ -142,9 +160,9 @@ impl Array {
         }
         transforms.check("instances: instance")?;
         let (prototype_of, transforms) = (Arc::clone(prototype_of), transforms.clone());
-        let mut array = Self { prototype_of, transforms, first_id: *first_id, _memory: Kept::default() };
-        array._memory = residency.keep(WHAT, array.bytes())?;
-        Ok(array)
+        let memory = Arc::new(residency.keep(WHAT, transforms.bytes() + size_of_val(&*prototype_of) as u64)?);
+        let (pages, first_id) = (Vec::new(), *first_id);
+        Ok(Self { prototype_of, transforms, pages, first_id, memory, _pages: Kept::default() })
     }
 
     /// Number of its members.
@@ -161,7 +179,11 @@ impl Array {
     /// The map of a member to the world.
     #[inline]
     pub fn transform(&self, member: u32) -> DAffine3 {
-        self.transforms.get(member as usize)
+        let member = member as usize;
+        match self.pages.get(member / PAGE) {
+            Some(Some(page)) => page.get(member % PAGE),
+            _ => self.transforms.get(member),
+        }
     }
 
     /// The member with an id.
@@ -175,19 +197,42 @@ impl Array {
         (0..self.len()).map(|member| self.prototype_of(member) as usize)
     }
 
-    /// Replaces the transforms of members from `first` on. Where others hold the array, replaces it by a copy, which
-    /// counts against the budget too. Fails with `BadArgument` for transforms of another form, or for the first that is
-    /// wrong, and with `OverBudget`.
+    /// Replaces the transforms of members from `first` on. Where others hold the array, replaces it by one with copies
+    /// of the pages that change, or of all if most do. The copies count against the budget too. Fails with
+    /// `BadArgument` for transforms of another form, or for the first that is wrong, and with `OverBudget`.
     pub fn replace(this: &mut Arc<Self>, first: u32, by: &Transforms, residency: &Residency) -> Result<()> {
         by.check("transform")?;
-        if let Some(own) = Arc::get_mut(this) {
-            return own.transforms.overwrite(first as usize, by);
+        let (first, count) = (first as usize, this.transforms.len());
+        if let Some(own) = Arc::get_mut(this)
+            && own.pages.is_empty()
+        {
+            return own.transforms.overwrite(first, by, 0..by.len());
         }
-        let memory = residency.keep(WHAT, this.bytes())?;
-        // The first write copies them.
-        let (prototype_of, mut transforms) = (Arc::clone(&this.prototype_of), this.transforms.clone());
-        transforms.overwrite(first as usize, by)?;
-        *this = Arc::new(Self { prototype_of, transforms, first_id: this.first_id, _memory: memory });
+        let (prototype_of, first_id) = (Arc::clone(&this.prototype_of), this.first_id);
+        if by.len() > count / 2 {
+            let memory = residency.keep(WHAT, this.transforms.bytes() + size_of_val(&*prototype_of) as u64)?;
+            let mut transforms = this.transforms.copy(0..count);
+            for (at, page) in this.pages.iter().enumerate().filter_map(|(at, page)| Some((at, page.as_ref()?))) {
+                transforms.overwrite(at * PAGE, page, 0..page.len())?;
+            }
+            transforms.overwrite(first, by, 0..by.len())?;
+            let (pages, memory) = (Vec::new(), Arc::new(memory));
+            *this = Arc::new(Self { prototype_of, transforms, pages, first_id, memory, _pages: Kept::default() });
+            return Ok(());
+        }
+        let mut pages = this.pages.clone();
+        pages.resize(count.div_ceil(PAGE), None);
+        for (at, page) in pages.iter_mut().enumerate().take((first + by.len()).div_ceil(PAGE)).skip(first / PAGE) {
+            let begin = at * PAGE;
+            let [from, to] = [first, first + by.len()].map(|member| member.clamp(begin, begin + PAGE));
+            let page = page.get_or_insert_with(|| this.transforms.copy(begin..count.min(begin + PAGE)));
+            page.overwrite(from - begin, by, from - first..to - first)?;
+        }
+        let table = (pages.len() * size_of::<Option<Transforms>>()) as u64;
+        let bytes = table + pages.iter().flatten().map(Transforms::bytes).sum::<u64>();
+        let _pages = residency.keep(WHAT, bytes)?;
+        let (transforms, memory) = (this.transforms.clone(), Arc::clone(&this.memory));
+        *this = Arc::new(Self { prototype_of, transforms, pages, first_id, memory, _pages });
         Ok(())
     }
 
@@ -199,9 +244,40 @@ impl Array {
             Transforms::Places(_) => Err(Error::bad_argument("the array has places, and takes no affine maps")),
         }
     }
+}
 
-    /// Bytes of memory.
-    pub fn bytes(&self) -> u64 {
-        self.transforms.bytes() + size_of_val(&*self.prototype_of) as u64
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::residency::ResidencyOptions;
+
+    /// Any ranges may be replaced, across pages and by more than half of them; who holds the array before keeps it.
+    #[test]
+    fn ranges_of_transforms_are_replaced_in_copies() {
+        let residency = Residency::new(ResidencyOptions { budget: 1 << 30, promote: false });
+        let map = |value: usize| DAffine3::from_translation(DVec3::splat(value as f64));
+        let mut expected: Vec<DAffine3> = (0..1500).map(map).collect();
+        let (prototype_of, first_id) = (Arc::new([]), 7);
+        let (pages, _pages, memory) = (Vec::new(), Kept::default(), Arc::default());
+        let transforms = Transforms::Affine(expected.clone().into());
+        let mut array = Arc::new(Array { prototype_of, transforms, pages, first_id, memory, _pages });
+        let all = |array: &Array| (0..1500).map(|member| array.transform(member)).collect::<Vec<_>>();
+        let mut held: Vec<(Arc<Array>, Vec<DAffine3>)> = Vec::new();
+        let ranges = [5..6, 511..513, 512..1024, 1499..1500, 3..700, 1000..1500, 10..1400, 0..1500, 1023..1025];
+        for (round, range) in ranges.into_iter().enumerate() {
+            for is_held in [true, false] {
+                if is_held {
+                    held.push((Arc::clone(&array), expected.clone()));
+                }
+                let by: Vec<DAffine3> = range.clone().map(|member| map(10_000 * (round + 1) + member)).collect();
+                expected[range.clone()].copy_from_slice(&by);
+                let by = Transforms::Affine(by.into());
+                Array::replace(&mut array, range.start as u32, &by, &residency).expect("transforms");
+                assert!(all(&array) == expected, "{range:?}");
+                assert!(held.iter().all(|(array, was)| all(array) == *was), "{range:?}");
+            }
+        }
+        let other = Transforms::Affine32([[0.0; 12]].into());
+        assert!(Array::replace(&mut array, 0, &other, &residency).is_err());
     }
 }

@@ -3,8 +3,9 @@
 use super::draft::{Draft, DraftArray, DraftScene, DraftState};
 use super::edit::Scene;
 use super::looks::PartsShown;
+use super::measures::{Measures, check_transform};
 use super::model::Model;
-use super::placed::{Measures, Placed, check_transform};
+use super::placed::Placed;
 use super::placement::{PlacedArray, PlacedIds, PlacedScene, Placement, Prototype};
 use super::state::{ArrayStates, Instance, InstanceState, SceneState, States};
 use super::top::TopTree;
@@ -32,13 +33,15 @@ impl Scene {
         }
         let placed = &self.state().placement;
         let are_same = scenes.len() == placed.scenes.len()
-            && scenes.iter().zip(&placed.scenes).all(|(it, placed)| Arc::ptr_eq(it, &placed.scene));
+            && scenes.iter().zip(placed.scenes.iter()).all(|(it, placed)| Arc::ptr_eq(it, &placed.scene));
         draft.moved |= !are_same;
         let of_singles = draft.instances.len() * (size_of::<Instance>() + size_of::<InstanceState>());
         let of_scenes = draft.scenes.len() * (size_of::<DraftScene>() + size_of::<PlacedScene>() + INDEX);
         let under = draft.scenes.values().zip(&scenes).filter(|(it, _)| !it.state.is_plain());
         let of_states: u64 = under.map(|(_, scene)| scene.states.bytes()).sum();
         let bytes = (of_singles + of_scenes) as u64 + of_states;
+        let refitted = if draft.moved { None } else { self.refitted(draft)? };
+        draft.moved |= !draft.shifted.is_empty() && refitted.is_none();
         let placing = if draft.moved { Placing::of(draft, &scenes)? } else { Placing::default() };
         let of_looks = |model: &Model, it: &DraftState| {
             if it.has_new_looks() { PartsShown::bytes(model, &it.parts) } else { it.shown.took }
@@ -91,7 +94,7 @@ impl Scene {
             let of = OfModels { arrays: models_of, scenes: models_in };
             Arc::new(placing.place(self, draft, &singles, &models, of, &scenes)?)
         } else {
-            Arc::clone(&self.state().placement)
+            refitted.map_or_else(|| Arc::clone(&self.state().placement), Arc::new)
         };
         let with_states = placement.scenes.iter().zip(draft.scenes.values());
         states.scenes = with_states.map(|(it, draft)| of_scene(it, &draft.state)).collect();
@@ -197,7 +200,9 @@ impl Placing {
                 singles.push(placed);
             }
         }
+        let (singles, firsts) = (Arc::new(singles), Arc::new(firsts));
         let mut placement = Placement { count: self.count as u32, singles, firsts, ..Placement::default() };
+        let mut placed_scenes = Vec::new();
         for (it, of) in draft.arrays.iter().zip(of.arrays) {
             let first_instance = placement.instance_count() as u32;
             let (array, count) = placed_array(it, &of, [hits.len() as u32, first_instance])?;
@@ -207,8 +212,9 @@ impl Placing {
             left += (count as usize - array.measures.len()) * size_of::<Measures>();
             placement.arrays.push(array);
         }
+        let mut first_of_scene = placement.instance_count() as u32;
         for ((it, inner), models) in draft.scenes.values().zip(scenes).zip(of.scenes) {
-            let (first, first_instance) = (hits.len() as u32, placement.instance_count() as u32);
+            let (first, first_instance) = (hits.len() as u32, first_of_scene);
             let (id, world_from_scene, scene) = (it.id, it.world_from_scene, Arc::clone(inner));
             let count = inner.placement.len();
             let maps = || inner.all_placed().map(|placed| world_from_scene * placed.world_from_mesh());
@@ -220,11 +226,14 @@ impl Placing {
             left += (count - measures.len()) * size_of::<Measures>();
             let placed = PlacedScene { id, first, first_instance, scene, world_from_scene, models, measures };
             (first..first + count as u32).for_each(|number| add(&placed.placed(number), &mut hits));
-            placement.scenes.push(placed);
+            first_of_scene += inner.instance_count() as u32;
+            placed_scenes.push(placed);
         }
+        placement.scenes = Arc::new(placed_scenes);
         placement.top = TopTree::build(hits)?;
         memory.shrink_to(self.bytes - (self.count * Self::BUILD + left) as u64 + placement.top.bytes());
-        (placement.bounds, placement.position_error, placement._memory) = (around, position_error, memory);
+        (placement.bounds, placement.position_error) = (around.into(), position_error);
+        placement.memory = Arc::new(memory);
         Ok(placement)
     }
 }
@@ -250,7 +259,7 @@ fn all_measures<I: Iterator<Item = DMat3>>(count: usize, linear: impl Fn() -> I)
 fn placed_array(it: &DraftArray, models: &[u32], [first, first_instance]: [u32; 2]) -> Result<(PlacedArray, u32)> {
     let what = "the placed trees of a scene";
     let prototype = |(&model, it): (&u32, &Model)| Prototype { model, places: it.placements().collect() };
-    let prototypes: Vec<Prototype> = models.iter().zip(&it.models).map(prototype).collect();
+    let prototypes: Arc<[Prototype]> = models.iter().zip(&it.models).map(prototype).collect();
     let array = Arc::clone(&it.array);
     let (mut starts, mut count) = (Vec::new(), array.len() as usize);
     if !it.has_one_each() {
@@ -267,5 +276,6 @@ fn placed_array(it: &DraftArray, models: &[u32], [first, first_instance]: [u32; 
         prototypes[at].places.iter().map(move |place| (world_from_model * place.2).matrix3)
     };
     let measures = all_measures(count, || (0..).zip(array.prototypes()).flat_map(of_member))?;
+    let (starts, measures) = (Arc::new(starts), Arc::new(measures));
     Ok((PlacedArray { array, first, first_instance, prototypes, starts, measures }, count as u32))
 }

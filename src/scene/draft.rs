@@ -11,7 +11,7 @@ use crate::base::error::{Error, Result};
 use crate::residency::Kept;
 use glam::DAffine3;
 use std::collections::{BTreeMap, HashMap};
-use std::ops::RangeInclusive;
+use std::ops::{Range, RangeInclusive};
 use std::sync::Arc;
 
 /// The content of the next commit.
@@ -27,8 +27,10 @@ pub(super) struct Draft {
     pub(super) scene_at: HashMap<u64, u64>,
     pub(super) lights: Vec<Light>,
     pub(super) background: Background,
-    /// True if an instance was moved, added or removed since the last commit.
+    /// True if an instance was moved, added or removed since the last commit, except for members of arrays that moved.
     pub(super) moved: bool,
+    /// The members of arrays that moved: the index of the array, and the members.
+    pub(super) shifted: Vec<(usize, Range<u32>)>,
     /// The looks of instances whose parts look as in the file.
     pub(super) plain: Arc<PartsShown>,
     /// Number of instances that `memory` pays for.

@@ -5,8 +5,8 @@ use super::context::Context;
 use super::draft::{Draft, DraftArray, DraftScene, DraftState, Draftee};
 use super::light::{Background, Light};
 use super::looks::{Look, PartLooks};
+use super::measures::check_transform;
 use super::model::Model;
-use super::placed::check_transform;
 use super::state::SceneState;
 use crate::base::error::{Error, Result};
 use crate::residency::Kept;
@@ -73,6 +73,7 @@ impl Scene {
             lights,
             background,
             moved: false,
+            shifted: Vec::new(),
             plain: Arc::default(),
             paid: 0,
             memory: Kept::default(),
@@ -209,9 +210,8 @@ impl Scene {
         if let Some(it) = draft.scene(id) {
             it.world_from_scene = world_from_model;
         } else if let Some((array, member)) = draft.member(id) {
-            let array = &mut draft.arrays[array].array;
-            let transforms = array.in_form(&world_from_model)?;
-            Array::replace(array, member, &transforms, self.0.context.residency())?;
+            let transforms = draft.arrays[array].array.in_form(&world_from_model)?;
+            return self.shift(&mut draft, array, member, &transforms);
         } else {
             draft.instance(id)?.world_from_model = world_from_model;
         }
@@ -227,13 +227,18 @@ impl Scene {
         let Some((array, member)) = draft.member(first_id) else {
             return Err(Error::bad_argument(format!("instance {first_id} is of no array")));
         };
-        let array = &mut draft.arrays[array].array;
-        if transforms.len() > (array.len() - member) as usize {
-            let (count, left) = (transforms.len(), array.len() - member);
+        let left = draft.arrays[array].array.len() - member;
+        if transforms.len() > left as usize {
+            let count = transforms.len();
             return Err(Error::bad_argument(format!("{count} transforms, but {left} instances from {first_id} on")));
         }
-        Array::replace(array, member, transforms, self.0.context.residency())?;
-        draft.moved = true;
+        self.shift(&mut draft, array, member, transforms)
+    }
+
+    /// Replaces the transforms of members of an array, from `member` on.
+    fn shift(&self, draft: &mut Draft, array: usize, member: u32, transforms: &Transforms) -> Result<()> {
+        Array::replace(&mut draft.arrays[array].array, member, transforms, self.0.context.residency())?;
+        draft.shifted.push((array, member..member + transforms.len() as u32));
         Ok(())
     }
 
@@ -379,6 +384,7 @@ impl Scene {
         match self.next_state(draft) {
             Ok(state) => {
                 (draft.moved, draft.edited) = (false, 0);
+                draft.shifted.clear();
                 Ok(self.0.committed.swap(Arc::new(state)))
             }
             Err(error) => {

@@ -1,8 +1,8 @@
 //! Trees placed in the world, and the transformation of rays into their frames.
 
 use super::box_ray::BoxRay;
+use super::measures::{Measures, largest_singular_value};
 use super::placement::PlacedIds;
-use crate::base::error::{Error, Result};
 use crate::math::{Bounds, Cone, DBounds, Ray};
 use crate::structure::open::StoredTree;
 use crate::structure::{LocalRay, USUAL_DIRS};
@@ -105,99 +105,6 @@ const FAR: f64 = 6.0;
 /// coordinates. It does not hold for triangles met within some 4 degrees of edge-on. It is 64 roundings: four of origin
 /// and corners and four of the test itself, each over the cosine.
 const BEYOND: f64 = 1.0 / 262_144.0;
-/// The greatest ratio of singular values of a transform.
-const MOST_SKEW: f64 = 1e12;
-
-/// Rejects transforms that are not finite, singular, or so close to singular that double precision fails.
-pub(crate) fn check_transform(m: &DAffine3) -> Result<()> {
-    let inverse = m.matrix3.inverse();
-    let skew = largest_singular_value(&m.matrix3) * largest_singular_value(&inverse);
-    let fine = m.is_finite() && inverse.is_finite() && skew <= MOST_SKEW;
-    if fine { Ok(()) } else { Err(Error::bad_argument("the transform is singular or not finite")) }
-}
-
-/// An upper bound of the largest singular value of `m`, tight to rounding.
-pub(crate) fn largest_singular_value(m: &DMat3) -> f64 {
-    // Scaling keeps the squares from overflow and underflow.
-    let size = m.to_cols_array().iter().fold(0.0f64, |s, x| s.max(x.abs()));
-    if !(size > 0.0 && size.is_finite()) {
-        return size;
-    }
-    let m = *m * (1.0 / size);
-    let s = m.transpose() * m;
-    // The eigenvalues of a symmetric 3x3 matrix in closed form (Smith 1961).
-    let (a, b, c) = (s.x_axis.x, s.y_axis.y, s.z_axis.z);
-    let off = s.y_axis.x.powi(2) + s.z_axis.x.powi(2) + s.z_axis.y.powi(2);
-    let q = (a + b + c) / 3.0;
-    let p = (((a - q).powi(2) + (b - q).powi(2) + (c - q).powi(2) + 2.0 * off) / 6.0).sqrt();
-    let greatest = if p <= 1e-15 * q {
-        q
-    } else {
-        let r = ((s - DMat3::from_diagonal(DVec3::splat(q))) * (1.0 / p)).determinant() / 2.0;
-        q + 2.0 * p * (r.clamp(-1.0, 1.0).acos() / 3.0).cos()
-    };
-    greatest.max(0.0).sqrt() * size * (1.0 + 1e-12)
-}
-
-/// The square of the factor by which a map changes all lengths, if it changes all alike within a part in a billion. `s`
-/// is the product of the transpose of its linear part and that part. The square is an upper bound: rows of `s` bound its
-/// eigenvalues (Gershgorin).
-fn square_of_similarity(s: &DMat3) -> Option<f64> {
-    let sizes = s.abs();
-    let rows = sizes.x_axis + sizes.y_axis + sizes.z_axis;
-    let least = s.x_axis.x.min(s.y_axis.y).min(s.z_axis.z);
-    let square = rows.max_element();
-    (square <= least * (1.0 + 1e-9)).then_some(square)
-}
-
-/// Bound of the distance between a point and `there` of `back` of it, as a fraction of the greatest coordinate. It adds
-/// the difference of the product from the identity and eight roundings of its terms, which are large for skewed
-/// transforms.
-fn loss(there: &DMat3, back: &DMat3) -> f64 {
-    let rows = |m: DMat3| (m.abs() * DVec3::ONE).length();
-    rows(*there * *back - DMat3::IDENTITY) + rows(there.abs() * back.abs()) * (8.0 * f64::EPSILON)
-}
-
-/// Measures of the linear part of a map to the world.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Measures {
-    /// See [`Placed::stretch`].
-    stretch: f64,
-    /// Relative rounding error of a transformation there and back.
-    loss: f64,
-}
-
-/// A bound of [`loss`] for maps that change all lengths alike. No element of a rotation exceeds 1, so eight roundings
-/// are at most 24 times the root of 3. As much again bounds the difference of the product from the identity, twice
-/// over.
-const LOSS_OF_SIMILARITY: f64 = 128.0 * f64::EPSILON;
-
-impl Measures {
-    /// The measures of `linear`, which [`check_transform`] accepts.
-    pub fn of(linear: &DMat3) -> Self {
-        Self::of_similarity(linear).unwrap_or_else(|| {
-            let inverse = linear.inverse();
-            let loss = loss(linear, &inverse).max(loss(&inverse, linear));
-            Self { stretch: largest_singular_value(linear), loss }
-        })
-    }
-
-    /// The measures of a linear part that changes all lengths alike; `None` for others, which take much longer.
-    #[inline]
-    pub fn of_similarity(linear: &DMat3) -> Option<Self> {
-        if *linear == DMat3::IDENTITY {
-            return Some(Self { stretch: 1.0, loss: 8.0 * f64::EPSILON });
-        }
-        // Outside of this range squares overflow or lose digits.
-        let size = linear.x_axis.abs().max_element();
-        if !(1e-100..=1e100).contains(&size) {
-            return None;
-        }
-        let square = square_of_similarity(&(linear.transpose() * *linear))?;
-        Some(Self { stretch: square.sqrt() * (1.0 + 1e-12), loss: LOSS_OF_SIMILARITY })
-    }
-}
-
 impl Placed {
     /// Places `tree` of a model; `world_from_mesh` maps the model's mesh coordinates to the world.
     pub fn new(tree: &StoredTree, ids: PlacedIds, world_from_mesh: &DAffine3) -> Self {
@@ -566,17 +473,6 @@ mod tests {
     use glam::DQuat;
 
     #[test]
-    fn singular_values_of_known_matrices() {
-        let turn = DMat3::from_quat(DQuat::from_rotation_y(0.7) * DQuat::from_rotation_x(-1.1));
-        for d in [[1.0, 1.0, 1.0], [3.0, 2.0, 1.0], [1e-9, 1.0, 1.0], [5.0, 5.0, 1e-3], [1e200, 1e190, 1e180]] {
-            let m = turn * DMat3::from_diagonal(DVec3::from(d)) * turn.transpose();
-            let greatest = d.iter().fold(0.0f64, |s, &x| s.max(x));
-            let found = largest_singular_value(&m);
-            assert!((found / greatest - 1.0).abs() < 1e-9, "{d:?}: {found}");
-        }
-    }
-
-    #[test]
     fn round_trip_error_is_within_its_bound() {
         let turns = [DQuat::from_rotation_y(0.7) * DQuat::from_rotation_x(-1.1), DQuat::from_rotation_z(2.3)];
         let [first, second] = turns.map(DMat3::from_quat);
@@ -597,19 +493,6 @@ mod tests {
             assert!(worst <= bound && bound < 1e4 * worst, "{skew}: {worst:e}, said {bound:e}");
             // A bound of eight roundings of coordinates, independent of the transform, would be too small.
             assert!(skew < 1e4 || worst > (14.0 + 2.0 * skew) * 8.0 * f64::EPSILON, "{skew}: {worst:e}");
-        }
-    }
-
-    #[test]
-    fn bad_transforms_are_refused() {
-        let flat = DAffine3::from_scale(DVec3::new(1.0, 1.0, 0.0));
-        let nan = DAffine3::from_translation(DVec3::NAN);
-        let thin = DAffine3::from_scale(DVec3::new(1.0, 1.0, 1e-13));
-        for bad in [flat, nan, thin, DAffine3::ZERO] {
-            assert!(check_transform(&bad).is_err(), "{bad:?}");
-        }
-        for good in [1e-6, 1.0, 1e9] {
-            assert!(check_transform(&DAffine3::from_scale(DVec3::new(good, -1.0, 1.0))).is_ok());
         }
     }
 

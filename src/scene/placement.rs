@@ -2,64 +2,69 @@
 //! from the arrays' transforms when they are asked for, and those of scenes in it from the placed trees there.
 
 use super::array::Array;
+use super::measures::Measures;
 use super::model::Model;
-use super::placed::{Measures, Placed};
+use super::placed::Placed;
 use super::state::SceneState;
 use super::top::TopTree;
 use crate::math::DBounds;
 use crate::residency::Kept;
 use glam::{DAffine3, DMat3};
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// The placed trees of a scene, by number: those of single instances in the order added, each with its trees in the
 /// model's own order; then those of arrays, member by member; then those of scenes in this one, in their
 /// own order. States that differ only in looks share it.
 pub(crate) struct Placement {
     /// Those of single instances.
-    pub(super) singles: Vec<Placed>,
+    pub(super) singles: Arc<Vec<Placed>>,
     /// Number of the first placed tree of each single instance.
-    pub(super) firsts: Vec<u32>,
+    pub(super) firsts: Arc<Vec<u32>>,
     pub(super) arrays: Vec<PlacedArray>,
-    pub(super) scenes: Vec<PlacedScene>,
+    pub(super) scenes: Arc<Vec<PlacedScene>>,
     /// Number of all placed trees.
     pub(super) count: u32,
     /// The top tree over the boxes of all that rays may hit.
     pub top: TopTree,
-    /// Bounds of all triangles.
-    pub bounds: DBounds,
-    /// Greatest distance of stored vertices from those of the input, in the world.
+    /// Bounds of all triangles, unless they must be computed anew since something has moved.
+    pub(super) bounds: OnceLock<DBounds>,
+    /// Greatest distance of stored vertices from those of the input, in the world, or more.
     pub position_error: f64,
-    pub(super) _memory: Kept,
+    /// That of the last placement of all, which placements after moves share.
+    pub(super) memory: Arc<Kept>,
+    pub(super) _changed: Kept,
 }
 
 impl Default for Placement {
     fn default() -> Self {
         Self {
-            singles: Vec::new(),
-            firsts: Vec::new(),
+            singles: Arc::default(),
+            firsts: Arc::default(),
             arrays: Vec::new(),
-            scenes: Vec::new(),
+            scenes: Arc::default(),
             count: 0,
             top: TopTree::default(),
-            bounds: DBounds::EMPTY,
+            bounds: OnceLock::new(),
             position_error: 0.0,
-            _memory: Kept::default(),
+            memory: Arc::default(),
+            _changed: Kept::default(),
         }
     }
 }
 
 /// The placed trees of an array of instances.
+#[derive(Clone)]
 pub(super) struct PlacedArray {
     pub array: Arc<Array>,
     /// The number of its first placed tree.
     pub first: u32,
     /// The number of its first instance.
     pub first_instance: u32,
-    pub prototypes: Vec<Prototype>,
+    pub prototypes: Arc<[Prototype]>,
     /// The placed trees before each member, from `first` on. Empty if each member has one.
-    pub starts: Vec<u32>,
+    pub starts: Arc<Vec<u32>>,
     /// Of each placed tree; empty if all maps change all lengths alike.
-    pub measures: Vec<Measures>,
+    pub measures: Arc<Vec<Measures>>,
 }
 
 /// The placed trees of a scene in another.
@@ -136,6 +141,21 @@ impl PlacedArray {
         }
         let member = self.starts.partition_point(|&start| start <= at) as u32 - 1;
         Of { member, nth: at - self.starts[member as usize] }
+    }
+
+    /// The map from the mesh of a placed tree to its model.
+    pub fn place_of(&self, number: u32) -> DAffine3 {
+        let Of { member, nth } = self.of(number);
+        self.prototype(member).places[nth as usize].2
+    }
+
+    /// The numbers of the placed trees of a member.
+    pub fn numbers_of(&self, member: u32) -> std::ops::Range<u32> {
+        let at = |member: u32| match self.starts.get(member as usize) {
+            Some(start) => self.first + start,
+            None => self.first + member,
+        };
+        at(member)..at(member + 1)
     }
 
     #[inline]

@@ -235,7 +235,8 @@ impl SceneState {
 
     /// Bounds of all instances, hidden ones too, in world space; empty if there are none.
     pub fn bounds(&self) -> DBounds {
-        self.placement.bounds
+        let all = || self.all_placed().fold(DBounds::EMPTY, |all, placed| all.union(placed.bounds));
+        *self.placement.bounds.get_or_init(all)
     }
 
     /// Bounds in world space of all that rays can hit: stand-ins may extend beyond [`SceneState::bounds`].

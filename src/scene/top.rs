@@ -4,7 +4,7 @@
 use super::placed::Placed;
 use crate::base::error::Result;
 use crate::math::{Bounds, DBounds};
-use crate::structure::{MemberChild, Members};
+use crate::structure::{MemberChild, Members, Move};
 use glam::{DVec3, Vec3};
 
 /// A node or, if the top bit is set, a placed tree.
@@ -45,8 +45,25 @@ struct Nodes {
     tree: Members,
     frame: Placed,
     origin: DVec3,
-    /// The world's unit in units of the frame. It is 1 unless coordinates are near the limits of single precision.
+    /// The unit of the frame in the world. It is 1 unless coordinates are near the limits of single precision.
     scale: f64,
+    /// Growth of the boxes, in the world.
+    grown: f64,
+    /// Number of the placed trees, and of those that were moved since the tree was built.
+    count: usize,
+    moved: usize,
+}
+
+impl Nodes {
+    /// A box of the world in the frame, grown.
+    fn local(&self, b: &DBounds) -> Bounds {
+        let at = |v: DVec3| ((v - self.origin) / self.scale).to_array();
+        let grown = DVec3::splat(self.grown);
+        Bounds {
+            min: Vec3::from(at(b.min - grown).map(|x| (x as f32).next_down())),
+            max: Vec3::from(at(b.max + grown).map(|x| (x as f32).next_up())),
+        }
+    }
 }
 
 impl Default for TopTree {
@@ -59,6 +76,12 @@ impl Default for TopTree {
 /// (h = 2^-24), and the walk in a placed tree misplaces it otherwise: a ray that meets something there must meet the
 /// box.
 const GROWTH: f64 = 1.0 / 131_072.0;
+
+/// The tree has room for this many times its extent, so that placed trees may move without a build.
+const ROOM: f64 = 1.5;
+
+/// The tree is built anew once one in so many placed trees has moved: boxes get no smaller otherwise.
+const MOST_MOVED: usize = 8;
 
 /// Range of the greatest coordinate for frames that are not scaled.
 const USUAL: std::ops::RangeInclusive<f64> = 1e-12..=1e12;
@@ -78,17 +101,50 @@ impl TopTree {
             _ => {}
         }
         let origin = around.center();
-        let reach = around.extent().max_element() * 0.5;
+        let rounding = origin.abs().max_element() * (8.0 * f64::EPSILON);
+        let reach = (around.extent().max_element() * 0.5 + rounding).max(f64::MIN_POSITIVE);
         let scale = if USUAL.contains(&reach) { 1.0 } else { reach.log2().round().exp2() };
-        let grown = DVec3::splat(reach * GROWTH + origin.abs().max_element() * (8.0 * f64::EPSILON));
-        let low = |v: DVec3| Vec3::from(((v - grown - origin) / scale).to_array().map(|x| (x as f32).next_down()));
-        let high = |v: DVec3| Vec3::from(((v + grown - origin) / scale).to_array().map(|x| (x as f32).next_up()));
-        let local = |(number, b): (u32, DBounds)| (number, Bounds { min: low(b.min), max: high(b.max) });
-        let tree = Members::build(bounds.into_iter().map(local))?;
-        let all = DBounds { min: around.min - grown, max: around.max + grown };
-        let frame = Placed::of_boxes(origin, scale, &all, tree.max_coord());
+        let grown = reach * GROWTH + rounding;
+        // Room for placed trees that move.
+        let all = DVec3::splat(reach * ROOM);
+        let all = DBounds { min: origin - all, max: origin + all };
+        let max_coord = (reach * ROOM / scale) as f32;
+        let frame = Placed::of_boxes(origin, scale, &all, max_coord);
+        let count = bounds.len();
+        let mut nodes = Nodes { tree: Members::default(), frame, origin, scale, grown, count, moved: 0 };
+        let tree = Members::build(bounds.into_iter().map(|(number, b)| (number, nodes.local(&b))), max_coord)?;
         let root = NodeRef(tree.root());
-        Ok(Self { around, root: Some(root), nodes: Some(Nodes { tree, frame, origin, scale }) })
+        nodes.tree = tree;
+        Ok(Self { around, root: Some(root), nodes: Some(nodes) })
+    }
+
+    /// The tree after moves of placed trees: their indices, and their bounds before and after. `None` if it must be
+    /// built anew: too many have moved since it was built, or one leaves the room around it.
+    pub fn moved(&self, moves: &[(u32, [DBounds; 2])]) -> Option<Self> {
+        let nodes = self.nodes.as_ref()?;
+        let moved = nodes.moved + moves.len();
+        let room = nodes.frame.bounds;
+        let leaves = |b: &DBounds| {
+            b.is_empty() || !room.contains(&DBounds { min: b.min - nodes.grown, max: b.max + nodes.grown })
+        };
+        if moved > nodes.count / MOST_MOVED || moves.iter().any(|it| leaves(&it.1[1]) || it.1[0].is_empty()) {
+            return None;
+        }
+        let local = |&(member, [from, to]): &(u32, [DBounds; 2])| Move {
+            member,
+            from: nodes.local(&from),
+            to: nodes.local(&to),
+        };
+        let tree = nodes.tree.moved(&moves.iter().map(local).collect::<Vec<_>>())?;
+        // It does not shrink, so that it holds all, and is found without a look at all.
+        let around = moves.iter().fold(self.around, |all, it| all.union(it.1[1]));
+        let Nodes { frame, origin, scale, grown, count, .. } = *nodes;
+        Some(Self { around, root: self.root, nodes: Some(Nodes { tree, frame, origin, scale, grown, count, moved }) })
+    }
+
+    /// Bytes of memory of nodes that differ from those of the build.
+    pub fn changed_bytes(&self) -> u64 {
+        self.nodes.as_ref().map_or(0, |nodes| nodes.tree.changed_bytes())
     }
 
     /// Bounds of all that the tree was built over.

@@ -33,6 +33,7 @@ use glam::{DVec3, Vec3};
 use std::sync::atomic::AtomicBool;
 
 pub use bvh::members::{Child as MemberChild, Members};
+pub use bvh::refit::Move;
 pub use bvh::trace::Bundle;
 
 /// A flag that nothing sets, for walks that nothing stops.

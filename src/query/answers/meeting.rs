@@ -7,7 +7,7 @@
 //! `error` = s · gap + position_error + r, r = l (|origin| + |t dir| + |offset| + s · reach),
 //!
 //! where reach is the tree's greatest coordinate and r covers rounding in double precision. l is 8 · 2⁻⁵² if M is the
-//! identity, else the bound of `placed::loss`. Single precision only chose the triangle; `gap` measures how well.
+//! identity, else the bound of `measures::loss`. Single precision only chose the triangle; `gap` measures how well.
 //!
 //! **t_free.** Single precision may have put a nearer surface behind the hit. Walks see ray and triangles displaced by
 //! at most 2⁻²³ · 14 reaches, as origins are within 6 reaches; [`Placed::slack`] allows 4 times that, and 2 r more

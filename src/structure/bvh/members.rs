@@ -11,6 +11,7 @@ use crate::math::{Bounds, bits};
 use crate::residency::{Slot, Snapshot};
 use crate::simd::Isa;
 use crate::structure::tree::{Blocks, NEVER, Tree};
+use std::collections::BTreeSet;
 
 /// A child of a node of a tree over members.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -22,11 +23,13 @@ pub enum Child {
 }
 
 /// A tree over members.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Members {
     blocks: Snapshot,
     root: u32,
     max_coord: f32,
+    /// Blocks that differ from those of the build.
+    changed: BTreeSet<u32>,
 }
 
 impl Members {
@@ -36,17 +39,14 @@ impl Members {
     pub const MOST: usize = build::MOST;
 
     /// Builds a tree over the members of `boxes`, at least two: their numbers, below 2^31, and their boxes, which are
-    /// not empty. The same input gives the same tree. Fails with `NoMemory`.
-    pub fn build(boxes: impl ExactSizeIterator<Item = (u32, Bounds)>) -> Result<Self> {
-        let mut max_coord = f32::MIN_POSITIVE;
-        let measured = |(number, b): (u32, Bounds)| {
-            max_coord = max_coord.max(b.min.abs().max(b.max.abs()).max_element());
-            (number, b)
-        };
-        let built = build::build(boxes.map(measured))?;
+    /// not empty. No coordinate is greater than `max_coord` in magnitude; later moves may go that far too. The same
+    /// input gives the same tree. Fails with `NoMemory`.
+    pub fn build(boxes: impl ExactSizeIterator<Item = (u32, Bounds)>, max_coord: f32) -> Result<Self> {
+        let built = build::build(boxes)?;
         let count = built.len() as u32;
         let slots = (0..).zip(built).map(|(id, words)| (BlockId(id), Slot::new(&words)));
-        Ok(Self { blocks: Snapshot::empty(count).with(slots), root: count - 1, max_coord })
+        let blocks = Snapshot::empty(count).with(slots);
+        Ok(Self { blocks, root: count - 1, max_coord, changed: BTreeSet::new() })
     }
 
     /// The tree, for walks.
@@ -71,6 +71,23 @@ impl Members {
         children(&self.blocks, node, visit);
     }
 
+    /// The words of a block.
+    pub(super) fn block(&self, id: u32) -> &[u32] {
+        self.blocks.block(BlockId(id)).unwrap_or_default()
+    }
+
+    /// The tree with some blocks replaced.
+    pub(super) fn with_blocks(&self, blocks: Vec<(BlockId, Slot)>) -> Self {
+        let mut changed = self.changed.clone();
+        changed.extend(blocks.iter().map(|it| it.0.0));
+        Self { blocks: self.blocks.with(blocks), changed, ..*self }
+    }
+
+    /// Bytes of memory of blocks that differ from those of the build.
+    pub fn changed_bytes(&self) -> u64 {
+        self.changed.iter().map(|id| 4 * self.block(*id).len() as u64).sum()
+    }
+
     /// Bytes of memory.
     pub fn bytes(&self) -> u64 {
         (0..self.blocks.blocks())
@@ -81,7 +98,7 @@ impl Members {
 }
 
 /// The number of a node: its block times [`MAX_NODES`], plus its index there.
-fn number_of(block: u32, index: u32) -> u32 {
+pub(super) fn number_of(block: u32, index: u32) -> u32 {
     block * MAX_NODES as u32 + index
 }
 
@@ -134,7 +151,7 @@ impl<'a> TreeView<'a> {
 mod tests {
     use super::*;
     use crate::math::{PACKET, bits};
-    use crate::structure::{LocalRay, Outcome, PacketWalk, Walk};
+    use crate::structure::{LocalRay, Move, Outcome, PacketWalk, Walk};
     use glam::Vec3;
 
     /// Numbers in `low..high`, the same each time.
@@ -180,25 +197,33 @@ mod tests {
         enter <= leave
     }
 
+    /// All members, ascending; each is in all boxes above it.
+    fn all_below(tree: &Members, box_of: impl Fn(u32) -> Bounds) -> Vec<u32> {
+        let mut met = Vec::new();
+        let everywhere = Bounds { min: Vec3::splat(f32::MIN), max: Vec3::splat(f32::MAX) };
+        let mut todo = vec![(Child::Node(tree.root()), vec![everywhere])];
+        while let Some((child, above)) = todo.pop() {
+            match child {
+                Child::Member(number) => {
+                    assert!(above.iter().all(|b| b.contains(&box_of(number))));
+                    met.push(number);
+                }
+                Child::Node(node) => {
+                    tree.children(node, |child, b| todo.push((child, [&above[..], &[b]].concat())));
+                }
+            }
+        }
+        met.sort_unstable();
+        met
+    }
+
     #[test]
     fn every_member_is_in_the_tree_once_and_in_all_boxes_above() {
         for count in [2, 3, 8, 9, 700, 40_000] {
             let (boxes, _) = scene(count);
-            let tree = Members::build(boxes.iter().copied()).unwrap();
+            let tree = Members::build(boxes.iter().copied(), 22.0).unwrap();
             assert!(tree.bytes() <= boxes.len() as u64 * Members::BYTES_EACH as u64 + 1024);
-            let mut met = Vec::new();
-            let everywhere = Bounds { min: Vec3::splat(f32::MIN), max: Vec3::splat(f32::MAX) };
-            let mut todo = vec![(Child::Node(tree.root()), everywhere)];
-            while let Some((child, around)) = todo.pop() {
-                match child {
-                    Child::Member(number) => {
-                        assert!(around.contains(&boxes[number as usize / 3].1));
-                        met.push(number);
-                    }
-                    Child::Node(node) => tree.children(node, |child, b| todo.push((child, b))),
-                }
-            }
-            met.sort_unstable();
+            let met = all_below(&tree, |number| boxes[number as usize / 3].1);
             assert_eq!(met, boxes.iter().map(|it| it.0).collect::<Vec<_>>());
         }
     }
@@ -207,7 +232,7 @@ mod tests {
     #[test]
     fn walks_come_to_all_members_that_rays_meet() {
         let (boxes, packets) = scene(4000);
-        let members = Members::build(boxes.iter().copied()).unwrap();
+        let members = Members::build(boxes.iter().copied(), 22.0).unwrap();
         let (mut walk, mut packet, mut count) = (Walk::new(), PacketWalk::new(), 0);
         for isa in Isa::ALL.into_iter().filter(|isa| isa.is_available()) {
             let tree = members.tree(isa);
@@ -245,5 +270,36 @@ mod tests {
             }
         }
         assert!(count > 5000, "{count}");
+    }
+
+    /// After any moves every member is in the tree once, and in all boxes above it; a move of a member that is
+    /// elsewhere is refused.
+    #[test]
+    fn members_that_move_stay_in_all_boxes_above() {
+        let (mut boxes, _) = scene(5000);
+        let mut tree = Members::build(boxes.iter().copied(), 30.0).unwrap();
+        let mut next = numbers();
+        for round in 0..40 {
+            let moves: Vec<Move> = (0..50)
+                .map(|_| {
+                    let at = next(0.0, 5000.0) as usize % 5000;
+                    let (member, from) = boxes[at];
+                    // Some go a little way, some far, some twice.
+                    let by = Vec3::from([0; 3].map(|_| if round % 3 == 0 { next(-0.1, 0.1) } else { next(-5.0, 5.0) }));
+                    let low = (from.min + by).clamp(Vec3::splat(-28.0), Vec3::splat(27.0));
+                    boxes[at].1 = Bounds { min: low, max: low + (from.max - from.min) };
+                    Move { member, from, to: boxes[at].1 }
+                })
+                .collect();
+            let moved = tree.moved(&moves).expect("moves of members that are there");
+            assert!(moved.changed_bytes() <= moved.bytes());
+            tree = moved;
+        }
+        assert_eq!(
+            all_below(&tree, |number| boxes[number as usize / 3].1),
+            boxes.iter().map(|it| it.0).collect::<Vec<_>>()
+        );
+        let nowhere = Bounds { min: Vec3::splat(29.0), max: Vec3::splat(29.5) };
+        assert!(tree.moved(&[Move { member: 1, from: nowhere, to: nowhere }]).is_none());
     }
 }

@@ -13,6 +13,7 @@ pub(in crate::structure) mod members;
 pub(in crate::structure) mod nodes;
 pub(in crate::structure) mod normals;
 pub mod open;
+pub(in crate::structure) mod refit;
 pub mod trace;
 mod validate;
 mod voxel;

@@ -23,7 +23,7 @@ mod partition;
 mod proxies;
 mod content;
 mod coverage;
-mod quantise;
+pub mod quantise;
 mod refs;
 mod sah;
 mod seen;

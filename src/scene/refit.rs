@@ -1,0 +1,71 @@
+//! The placement after moves of members of arrays: that of the last commit with these members placed anew. All else is
+//! shared, so that the time grows with the number of moves.
+
+use super::draft::Draft;
+use super::edit::Scene;
+use super::measures::Measures;
+use super::placement::Placement;
+use crate::base::error::Result;
+use crate::math::DBounds;
+use std::sync::{Arc, OnceLock};
+
+/// The greatest share of the placed trees that are placed anew one by one: for more, a commit places all.
+const MOST: usize = 8;
+
+impl Scene {
+    /// The placement after the moves of the draft; `None` if there are none, or if all must be placed anew. Fails with
+    /// `OverBudget`.
+    pub(super) fn refitted(&self, draft: &Draft) -> Result<Option<Placement>> {
+        let state = self.state();
+        let before = &state.placement;
+        let count: usize = draft.shifted.iter().map(|it| it.1.len()).sum();
+        if count == 0 || count > before.len() / MOST {
+            return Ok(None);
+        }
+        let mut shifted: Vec<(usize, u32)> =
+            draft.shifted.iter().flat_map(|(at, members)| members.clone().map(|member| (*at, member))).collect();
+        shifted.sort_unstable();
+        shifted.dedup();
+        let mut arrays = before.arrays.clone();
+        let (mut moves, mut bounds) = (Vec::with_capacity(shifted.len()), before.bounds.get().copied());
+        let mut position_error = before.position_error;
+        for (at, member) in shifted {
+            let array = &mut arrays[at];
+            array.array = Arc::clone(&draft.arrays[at].array);
+            let linear = array.array.transform(member).matrix3;
+            for number in array.numbers_of(member) {
+                if !array.measures.is_empty() {
+                    let place = array.place_of(number);
+                    Arc::make_mut(&mut array.measures)[(number - array.first) as usize] =
+                        Measures::of(&(linear * place.matrix3));
+                }
+                let [old, new] = [&before.arrays[at], array].map(|it| it.placed(number, &state.models));
+                let hits =
+                    [&old, &new].map(|it| it.hit_bounds(&state.models[it.model as usize].trees()[it.tree as usize]));
+                moves.push((number, hits));
+                position_error = position_error.max(new.position_error);
+                // Where it was at the edge, the rest may end earlier.
+                bounds = bounds.filter(|all| is_inside(&old.bounds, all)).map(|all| all.union(new.bounds));
+            }
+        }
+        let Some(top) = before.top.moved(&moves) else { return Ok(None) };
+        let changed = self.context().residency().keep("the placed trees of a scene", top.changed_bytes())?;
+        Ok(Some(Placement {
+            singles: Arc::clone(&before.singles),
+            firsts: Arc::clone(&before.firsts),
+            arrays,
+            scenes: Arc::clone(&before.scenes),
+            count: before.count,
+            top,
+            bounds: bounds.map_or_else(OnceLock::new, OnceLock::from),
+            position_error,
+            memory: Arc::clone(&before.memory),
+            _changed: changed,
+        }))
+    }
+}
+
+/// True if a box ends before the box around it does, on all sides.
+fn is_inside(b: &DBounds, around: &DBounds) -> bool {
+    b.min.cmpgt(around.min).all() && b.max.cmplt(around.max).all()
+}
