@@ -2121,6 +2121,12 @@ typedef struct oc_place {
 /** 3 floats: unit normal in world space with which the surface is shaded, see `oc_hit.shading_normal`. Miss: 0. */
 #define OC_BUFFER_SHADING_NORMAL 9
 
+/**
+ * 1 uint64_t: number of the place where the mesh of an instance was met, see `oc_hit.occurrence`. oc_scene_get_path
+ * returns the ids on the way there. Miss: OC_NO_ID.
+ */
+#define OC_BUFFER_OCCURRENCE 10
+
 /** 4 bytes. */
 #define OC_FORMAT_U8X4 1
 

@@ -8,8 +8,12 @@ use glam::{DAffine3, DMat3, DQuat, DVec3};
 use outcrop::base::error::Error;
 use outcrop::math::{Cone, DBounds, Ray};
 use outcrop::query::{Hit, HitKind, NONE, NearestOptions, NearestPoint, QueryOptions};
+use outcrop::render::{Buffer, Frame, FrameOptions, FrameSettings, FrameState, Outputs};
+use outcrop::scene::camera::Camera;
 use outcrop::scene::{Context, Instances, Look, Model, Scene, SceneState, Transforms};
+use std::collections::BTreeSet;
 use std::sync::Arc;
+use std::time::Duration;
 
 /// Turned, some mirrored, some sheared.
 fn place(rng: &mut Rng, reach: f64) -> DAffine3 {
@@ -300,5 +304,51 @@ fn too_many_occurrences_are_refused() {
     match outer.commit() {
         Err(Error::OverBudget { need, have, .. }) => assert!(need > have),
         other => panic!("{other:?}"),
+    }
+}
+
+/// The occurrences of a picture are those of picks of its pixels, and lead to the instances that it shows.
+#[test]
+fn pictures_name_occurrences() {
+    let context = built::context(1);
+    let file = built::parts(&[Part::white(5, scenes::bumpy_sphere(8, 12, 3)), Part::white(6, scenes::sphere(6, 8))]);
+    let model = Model::open(&context, &file.path).expect("a model");
+    let (scene, flat) = nested(&context, &model, 3, &mut Rng::new(3));
+    let state = scene.state();
+    let outputs = [Buffer::Occurrence, Buffer::Instance, Buffer::Kind].map(Outputs::of);
+    let outputs = outputs.into_iter().fold(Outputs(0), |all, one| all | one);
+    let (width, height) = (64, 48);
+    let frame = Frame::new(&context, FrameOptions { width, height, outputs, ..FrameOptions::default() });
+    let frame = frame.expect("a frame");
+    let eye = DVec3::new(0.3, -24.0, 6.0);
+    let camera = Camera::Perspective { eye, at: DVec3::ZERO, up: DVec3::Z, fov_y_degrees: 50.0 };
+    for poe in [0.0, 6.0] {
+        frame.request(&state, &camera, &FrameSettings { poe, ..FrameSettings::default() }).expect("a request");
+        assert_eq!(frame.wait(Duration::from_secs(120)).state, FrameState::Converged);
+        let ids = |buffer| frame.map(buffer).expect("a buffer").ids().expect("ids").to_vec();
+        let (occurrences, instances) = (ids(Buffer::Occurrence), ids(Buffer::Instance));
+        let kinds = frame.map(Buffer::Kind).expect("a buffer").bytes().to_vec();
+        let mut seen = BTreeSet::new();
+        for (pixel, (&occurrence, &instance)) in occurrences.iter().zip(&instances).enumerate() {
+            let is_miss = kinds[pixel] == HitKind::Miss as u8;
+            assert_eq!(is_miss, occurrence == NONE);
+            if is_miss {
+                continue;
+            }
+            let (ids, map) = state.path(occurrence).expect("a way");
+            // The id of an instance in a scene is that of the scene.
+            assert_eq!(ids[0], instance);
+            assert_eq!(flat[occurrence as usize].3, ids);
+            assert!(map.abs_diff_eq(flat[occurrence as usize].0, 1e-9));
+            seen.insert(occurrence);
+            if kinds[pixel] == HitKind::Exact as u8 {
+                let (x, y) = (pixel as u32 % width, pixel as u32 / width);
+                let hit = frame.pick(x, y).expect("a hit");
+                assert_eq!((hit.occurrence, hit.instance), (occurrence, instance), "{x}, {y}");
+            }
+        }
+        assert!(seen.len() > 8, "{} occurrences", seen.len());
+        let has_cells = kinds.contains(&(HitKind::Lod as u8));
+        assert_eq!(has_cells, poe > 0.0);
     }
 }

@@ -31,6 +31,9 @@ pub const OC_BUFFER_KIND: oc_buffer = 7;
 pub const OC_BUFFER_ERROR: oc_buffer = 8;
 /// 3 floats: unit normal in world space with which the surface is shaded, see `oc_hit.shading_normal`. Miss: 0.
 pub const OC_BUFFER_SHADING_NORMAL: oc_buffer = 9;
+/// 1 uint64_t: number of the place where the mesh of an instance was met, see `oc_hit.occurrence`. oc_scene_get_path
+/// returns the ids on the way there. Miss: OC_NO_ID.
+pub const OC_BUFFER_OCCURRENCE: oc_buffer = 10;
 
 /// Type of the elements of a buffer.
 pub type oc_format = u32;
@@ -60,7 +63,7 @@ fn format(buffer: Buffer) -> oc_format {
         Buffer::ColourLinear => OC_FORMAT_F32X4,
         Buffer::Depth | Buffer::Error => OC_FORMAT_F32,
         Buffer::Normal | Buffer::ShadingNormal => OC_FORMAT_F32X3,
-        Buffer::Part | Buffer::Primitive | Buffer::Instance => OC_FORMAT_U64,
+        Buffer::Part | Buffer::Primitive | Buffer::Instance | Buffer::Occurrence => OC_FORMAT_U64,
         Buffer::Kind => OC_FORMAT_U8,
     }
 }

@@ -35,11 +35,14 @@ pub enum Buffer {
     Error = 8,
     /// 3 floats: [`crate::query::Hit::shading_normal`]; 0 for a miss.
     ShadingNormal = 9,
+    /// 1 u64: [`crate::query::Hit::occurrence`], the number of the place where the instance's mesh was met, which
+    /// [`SceneState::path`] resolves; [`crate::query::NONE`] for a miss.
+    Occurrence = 10,
 }
 
 impl Buffer {
     /// All buffers, in the order of their numbers.
-    pub const ALL: [Buffer; 10] = [
+    pub const ALL: [Buffer; 11] = [
         Buffer::ColourSrgb8,
         Buffer::ColourLinear,
         Buffer::Depth,
@@ -50,6 +53,7 @@ impl Buffer {
         Buffer::Kind,
         Buffer::Error,
         Buffer::ShadingNormal,
+        Buffer::Occurrence,
     ];
 
     /// Bytes of one pixel.
@@ -58,7 +62,7 @@ impl Buffer {
             Buffer::ColourSrgb8 | Buffer::Depth | Buffer::Error => 4,
             Buffer::ColourLinear => 16,
             Buffer::Normal | Buffer::ShadingNormal => 12,
-            Buffer::Part | Buffer::Primitive | Buffer::Instance => 8,
+            Buffer::Part | Buffer::Primitive | Buffer::Instance | Buffer::Occurrence => 8,
             Buffer::Kind => 1,
         }
     }
@@ -72,7 +76,7 @@ impl Outputs {
     /// Only the sRGB colour.
     pub const COLOUR: Self = Self(1 << Buffer::ColourSrgb8 as u32);
     /// Every buffer.
-    pub const ALL: Self = Self((1 << 10) - 1);
+    pub const ALL: Self = Self((1 << Buffer::ALL.len()) - 1);
 
     /// Returns the set of one buffer.
     pub const fn of(buffer: Buffer) -> Self {
@@ -300,7 +304,7 @@ impl Mapped {
     }
     /// Returns the ids of an id buffer; `None` for other buffers.
     pub fn ids(&self) -> Option<&[u64]> {
-        let ids = [Buffer::Part, Buffer::Primitive, Buffer::Instance];
+        let ids = [Buffer::Part, Buffer::Primitive, Buffer::Instance, Buffer::Occurrence];
         ids.contains(&self.buffer).then(|| bytemuck::cast_slice(self.bytes()))
     }
 }

@@ -498,7 +498,7 @@ impl Work for Request {
         let any = |buffers: &[Buffer]| buffers.iter().any(|b| wanted.has(*b));
         let view = SceneView { accept_missing, stop: &self.stop, ..SceneView::new(&self.scene, &snapshots, stamp) };
         let asks = Asks {
-            ids: any(&[Buffer::Part, Buffer::Instance]),
+            ids: any(&[Buffer::Part, Buffer::Instance, Buffer::Occurrence]),
             prims: any(&[Buffer::Primitive]),
             precise: any(&[Buffer::Depth, Buffer::Error]),
             normals: any(&[Buffer::Normal, Buffer::ShadingNormal]),

@@ -795,5 +795,6 @@ BUFFERS: dict[int, tuple[str, int]] = {
     7: ("u1", 1),
     8: ("f4", 1),
     9: ("f4", 3),
+    10: ("u8", 1),
 }
 """Type and number of the elements of a pixel, by buffer."""

@@ -553,6 +553,10 @@ class Buffer(enum.IntEnum):
     """
     SHADING_NORMAL = 9
     """3 floats: unit normal in world space with which the surface is shaded, see `Hit.shading_normal`. Miss: 0."""
+    OCCURRENCE = 10
+    """1 uint64_t: number of the place where the mesh of an instance was met, see `Hit.occurrence`. oc_scene_get_path
+    returns the ids on the way there. Miss: OC_NO_ID.
+    """
 
 
 class FrameFlags(enum.IntFlag):

@@ -45,7 +45,7 @@ pub(super) const AT_EYE: f64 = 1.0 / 1_048_576.0;
 /// The requested buffers of the first surface. Others are not computed.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Asks {
-    /// Part and instance ids.
+    /// Part and instance ids, and occurrences.
     pub ids: bool,
     /// Primitive ids.
     pub prims: bool,

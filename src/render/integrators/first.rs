@@ -22,6 +22,7 @@ pub(crate) struct First {
     pub part: [u64; PACKET],
     pub prim: [u64; PACKET],
     pub instance: [u64; PACKET],
+    pub occurrence: [u64; PACKET],
     pub error: [f32; PACKET],
 }
 
@@ -40,6 +41,7 @@ impl First {
         part: [NONE; PACKET],
         prim: [NONE; PACKET],
         instance: [NONE; PACKET],
+        occurrence: [NONE; PACKET],
         error: [0.0; PACKET],
     };
 
@@ -55,6 +57,7 @@ impl First {
         }
         if asks.ids {
             (self.part, self.instance) = (Self::NOTHING.part, Self::NOTHING.part);
+            self.occurrence = Self::NOTHING.part;
         }
         if asks.prims {
             self.prim = Self::NOTHING.prim;
