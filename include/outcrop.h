@@ -2122,8 +2122,9 @@ typedef struct oc_place {
 #define OC_BUFFER_SHADING_NORMAL 9
 
 /**
- * 1 uint64_t: number of the place where the mesh of an instance was met, see `oc_hit.occurrence`. oc_scene_get_path
- * returns the ids on the way there. Miss: OC_NO_ID.
+ * 1 uint64_t: number of the place where the mesh of an instance was met, by a triangle or a stand-in, below 2^31; see
+ * `oc_hit.occurrence`. oc_scene_get_path returns the ids on the way there. It holds for the commit that the picture
+ * shows: after a later commit of the scene it may stand for another place, or for none. Miss: OC_NO_ID.
  */
 #define OC_BUFFER_OCCURRENCE 10
 
@@ -2923,7 +2924,8 @@ oc_status oc_scene_add_scene(struct oc_scene *scene,
  * Returns the way to what a hit met: the ids of the instances from the outermost to the innermost. An instance that is
  * in no other scene has one.
  *
- * - `occurrence`: `oc_hit.occurrence` of a hit since the last commit.
+ * - `occurrence`: `oc_hit.occurrence` of a hit since the last commit, or a value of OC_BUFFER_OCCURRENCE in a picture
+ *   that was requested since then.
  * - `out_ids`: receives the ids. NULL if `capacity` is 0.
  * - `capacity`: number of ids that `out_ids` has room for.
  * - `out_count`: receives the number of ids, also with OC_STATUS_BUFFER_TOO_SMALL.

@@ -425,10 +425,14 @@ class scene : public scene_handle {
     }
     /// The ids of the instances on the way to what a hit met, the outermost first.
     std::vector<std::uint64_t> path(const oc_hit &hit, double *world_from_model = nullptr) const {
+        return path(hit.occurrence, world_from_model);
+    }
+    /// The same of a value of OC_BUFFER_OCCURRENCE.
+    std::vector<std::uint64_t> path(std::uint64_t occurrence, double *world_from_model = nullptr) const {
         std::uint64_t count = 0;
-        check(oc_scene_get_path(get(), hit.occurrence, nullptr, 0, &count, world_from_model));
+        check(oc_scene_get_path(get(), occurrence, nullptr, 0, &count, world_from_model));
         std::vector<std::uint64_t> ids(static_cast<std::size_t>(count));
-        check(oc_scene_get_path(get(), hit.occurrence, ids.data(), count, &count, nullptr));
+        check(oc_scene_get_path(get(), occurrence, ids.data(), count, &count, nullptr));
         return ids;
     }
     void remove_instances(std::uint64_t first_id) { check(oc_scene_remove_instances(get(), first_id)); }

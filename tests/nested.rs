@@ -9,9 +9,9 @@ use outcrop::base::error::Error;
 use outcrop::math::{Cone, DBounds, Ray};
 use outcrop::query::{Hit, HitKind, NONE, NearestOptions, NearestPoint, QueryOptions};
 use outcrop::render::{Buffer, Frame, FrameOptions, FrameSettings, FrameState, Outputs};
-use outcrop::scene::camera::Camera;
+use outcrop::scene::camera::{Camera, PixelRays};
 use outcrop::scene::{Context, Instances, Look, Model, Scene, SceneState, Transforms};
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -352,3 +352,107 @@ fn pictures_name_occurrences() {
         assert_eq!(has_cells, poe > 0.0);
     }
 }
+
+/// The ray whose hit a pixel of a picture shows: through its centre, as wide as the threshold makes the pixel there.
+/// The threshold is dithered, by the additive recurrence of the plastic number in steps of 1/256.
+fn ray_of(rays: &PixelRays, (x, y): (u32, u32), poe: f32) -> Ray {
+    const PLASTIC: f64 = 1.324_717_957_244_746;
+    let part = |power: i32| (PLASTIC.powi(-power) * 4_294_967_296.0) as u32;
+    let step = x.wrapping_mul(part(1)).wrapping_add(y.wrapping_mul(part(2))) >> 24;
+    let factor = poe.sqrt() * (0.5 * ((f64::from(step) + 0.5) / 256.0 - 0.5)).exp2() as f32;
+    let ray = rays.ray(f64::from(x) + 0.5, f64::from(y) + 0.5);
+    Ray { cone: Cone { a: ray.cone.a * factor, b: ray.cone.b * factor }, ..ray }
+}
+
+fn seen_from(eye: DVec3, at: DVec3, fov_y_degrees: f64) -> Camera {
+    Camera::Perspective { eye, at, up: DVec3::Z, fov_y_degrees }
+}
+
+/// A picture whose occurrences, of triangles and stand-ins, are in each pixel those of the hit that a query with the
+/// pixel's ray returns, also if no other buffer is asked for. Returns the hits.
+fn hits_of_a_picture(context: &Context, state: &Arc<SceneState>, camera: &Camera, poe: f32) -> Vec<Hit> {
+    let (width, height) = (90, 70);
+    let rendered = |outputs: Outputs| {
+        let frame = Frame::new(context, FrameOptions { width, height, outputs, ..FrameOptions::default() });
+        let frame = frame.expect("a frame");
+        frame.request(state, camera, &FrameSettings { poe, ..FrameSettings::default() }).expect("a request");
+        assert_eq!(frame.wait(Duration::from_secs(120)).state, FrameState::Converged);
+        frame
+    };
+    let (frame, alone) = (rendered(Outputs::ALL), rendered(Outputs::of(Buffer::Occurrence)));
+    let ids = |frame: &Frame, buffer| frame.map(buffer).expect("a buffer").ids().expect("ids").to_vec();
+    let (occurrences, instances) = (ids(&frame, Buffer::Occurrence), ids(&frame, Buffer::Instance));
+    assert!(ids(&alone, Buffer::Occurrence) == occurrences, "{camera:?} at {poe}: other buffers change it");
+    let kinds = frame.map(Buffer::Kind).expect("a buffer").bytes().to_vec();
+    let rays = camera.prepare(width, height).expect("rays");
+    let rays: Vec<Ray> = (0..width * height).map(|i| ray_of(&rays, (i % width, i / width), poe)).collect();
+    let [hits, coherent] = [false, true].map(|coherent| closest(state, &rays, coherent));
+    for (i, (a, b)) in hits.iter().zip(&coherent).enumerate() {
+        let shown = (kinds[i], occurrences[i], instances[i]);
+        assert_eq!(shown, (a.kind as u8, a.occurrence, a.instance), "{camera:?} at {poe}, pixel {i}");
+        assert_eq!(shown, (b.kind as u8, b.occurrence, b.instance), "{camera:?} at {poe}, pixel {i}");
+    }
+    hits
+}
+
+/// Pictures name each place of a mesh, in the array and in inner scenes, by a number of its own.
+fn occurrences_of_pictures_are_those_of_queries() {
+    let context = built::context(2);
+    // Triangles of a pixel in the second view.
+    let rings = built::sized(140, 40);
+    let bumpy = scenes::bumpy_sphere(rings, rings * 3 / 2, 3);
+    let file = built::parts(&[Part::white(5, bumpy), Part::white(6, scenes::sphere(30, 40))]);
+    let model = Model::open(&context, &file.path).expect("a model");
+    let (scene, flat) = nested(&context, &model, 2, &mut Rng::new(2));
+    let state = scene.state();
+    let eye = DVec3::new(0.3, -24.0, 6.0);
+    let cameras = [
+        seen_from(eye, DVec3::ZERO, 30.0),
+        // A member of the array fills the picture: packets that enter one tree are traced in bundles.
+        seen_from(eye, flat[2].0.translation, 4.0),
+        Camera::Orthographic { eye, at: DVec3::ZERO, up: DVec3::Z, height: 12.0 },
+    ];
+    let (mut places, mut stand_ins) = (BTreeMap::<u64, BTreeSet<u64>>::new(), 0);
+    for (camera, poe) in cameras.iter().flat_map(|camera| [0.0, 3.0].map(|poe| (camera, poe))) {
+        let hits = hits_of_a_picture(&context, &state, camera, poe);
+        for hit in hits.iter().filter(|hit| hit.kind != HitKind::Miss) {
+            places.entry(hit.instance).or_default().insert(hit.occurrence);
+        }
+        let [exact, cells] =
+            [HitKind::Exact, HitKind::Lod].map(|kind| hits.iter().filter(|hit| hit.kind == kind).count());
+        // The few triangles of other structures are larger than the threshold in the second view.
+        let least = built::sized(500, 0);
+        assert!(if poe == 0.0 { exact > 500 && cells == 0 } else { cells >= least }, "{poe}: {exact} {cells}");
+        stand_ins += cells;
+    }
+    assert!(stand_ins > 50, "{stand_ins} stand-ins");
+    let seen = |instance| places.get(&instance).map_or(0, BTreeSet::len);
+    assert_eq!([10, 11, 12].map(seen), [1, 0, 1], "the second member is hidden: {places:?}");
+    assert!(seen(20) > 2 && seen(21) > 2, "{places:?}");
+    let all: Vec<u64> = places.values().flatten().copied().collect();
+    assert_eq!(all.iter().collect::<BTreeSet<_>>().len(), all.len(), "two instances share one: {places:?}");
+}
+
+/// Of places that coincide, pictures and queries name the same: the first.
+fn pictures_name_the_first_of_places_that_coincide() {
+    let context = built::context(2);
+    let file = built::parts(&[Part::white(5, scenes::bumpy_sphere(60, 90, 3)), Part::white(6, scenes::sphere(30, 40))]);
+    let model = Model::open(&context, &file.path).expect("a model");
+    let (inner, flat) = nested(&context, &model, 2, &mut Rng::new(2));
+    let scene = Scene::new(&context);
+    (0..3).for_each(|id| scene.add_scene(&inner, id, DAffine3::IDENTITY).expect("a scene"));
+    scene.commit().expect("a commit");
+    let (state, eye) = (scene.state(), DVec3::new(0.3, -24.0, 6.0));
+    for camera in [seen_from(eye, DVec3::ZERO, 30.0), seen_from(eye, flat[2].0.translation, 4.0)] {
+        for poe in [0.0, 3.0] {
+            let hits = hits_of_a_picture(&context, &state, &camera, poe);
+            let met: Vec<&Hit> = hits.iter().filter(|hit| hit.kind != HitKind::Miss).collect();
+            assert!(met.len() > 500 && met.iter().all(|hit| hit.instance == 0), "{camera:?} at {poe}");
+        }
+    }
+}
+
+built::on_each_structure!(
+    occurrences_of_pictures_are_those_of_queries,
+    pictures_name_the_first_of_places_that_coincide,
+);

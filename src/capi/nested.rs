@@ -44,7 +44,8 @@ pub unsafe extern "C" fn oc_scene_add_scene(
 /// Returns the way to what a hit met: the ids of the instances from the outermost to the innermost. An instance that is
 /// in no other scene has one.
 ///
-/// - `occurrence`: `oc_hit.occurrence` of a hit since the last commit.
+/// - `occurrence`: `oc_hit.occurrence` of a hit since the last commit, or a value of OC_BUFFER_OCCURRENCE in a picture
+///   that was requested since then.
 /// - `out_ids`: receives the ids. NULL if `capacity` is 0.
 /// - `capacity`: number of ids that `out_ids` has room for.
 /// - `out_count`: receives the number of ids, also with OC_STATUS_BUFFER_TOO_SMALL.

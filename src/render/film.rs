@@ -35,8 +35,9 @@ pub enum Buffer {
     Error = 8,
     /// 3 floats: [`crate::query::Hit::shading_normal`]; 0 for a miss.
     ShadingNormal = 9,
-    /// 1 u64: [`crate::query::Hit::occurrence`], the number of the place where the instance's mesh was met, which
-    /// [`SceneState::path`] resolves; [`crate::query::NONE`] for a miss.
+    /// 1 u64: [`crate::query::Hit::occurrence`], the number of the place where the instance's mesh was met, by a
+    /// triangle or a stand-in; [`crate::query::NONE`] for a miss. [`SceneState::path`] of the state that was requested
+    /// resolves it; other states may number places otherwise.
     Occurrence = 10,
 }
 
@@ -302,7 +303,7 @@ impl Mapped {
         let floats = [Buffer::ColourLinear, Buffer::Depth, Buffer::Normal, Buffer::Error, Buffer::ShadingNormal];
         floats.contains(&self.buffer).then(|| bytemuck::cast_slice(self.bytes()))
     }
-    /// Returns the ids of an id buffer; `None` for other buffers.
+    /// Returns the ids or occurrences of a buffer of u64; `None` for other buffers.
     pub fn ids(&self) -> Option<&[u64]> {
         let ids = [Buffer::Part, Buffer::Primitive, Buffer::Instance, Buffer::Occurrence];
         ids.contains(&self.buffer).then(|| bytemuck::cast_slice(self.bytes()))

@@ -1909,6 +1909,30 @@ static void frames(oc_context *c, oc_scene *s0) {
         CHECK(!memcmp(memory + 20 * y, (const char *)pixels.data + pixels.row_pitch * y, 16));
     }
 
+    oc_frame *named;
+    oc_pixels places;
+    uint32_t met = 0;
+    OC_INIT(&places);
+    desc.target_count = 0, desc.buffers = 1u << OC_BUFFER_OCCURRENCE;
+    OK(oc_frame_create(c, &desc, &named));
+    OK(oc_frame_request(named, s0, &camera, NULL));
+    OK(oc_frame_wait(named, OC_FOREVER, NULL));
+    EXPECT(OC_STATUS_INVALID_STATE, oc_frame_map(named, OC_BUFFER_INSTANCE, &places));
+    OK(oc_frame_map(named, OC_BUFFER_OCCURRENCE, &places));
+    CHECK(places.format == OC_FORMAT_U64 && places.row_pitch == 32 && places.size == 96);
+    for (uint32_t i = 0; i < 12; i++) { /* the place that a pick finds, or none, and its way */
+        const uint64_t place = ((const uint64_t *)places.data)[i];
+        uint64_t levels;
+        OK(oc_frame_pick(named, i % 4, i / 4, &hit));
+        CHECK(place == hit.occurrence);
+        if (place == OC_NO_ID) INVALID(oc_scene_get_path(s0, place, NULL, 0, &levels, NULL));
+        else OK(oc_scene_get_path(s0, place, NULL, 0, &levels, NULL));
+        met += place != OC_NO_ID;
+    }
+    CHECK(met > 0);
+    oc_mapping_release(places.mapping);
+    oc_frame_release(named);
+
     INVALID(oc_frame_resize(NULL, 5, 5));
     INVALID(oc_frame_resize(f, 0, 5));
     INVALID(oc_frame_resize(f, 5, 65537));

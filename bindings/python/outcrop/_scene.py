@@ -104,7 +104,8 @@ class Scene(Queries, Clashes, Distances):
         """Returns the way to what a hit met: the ids of the instances, the outermost first, and the (4, 4) matrix that
         takes the innermost to the world.
 
-        occurrence: `hit["occurrence"]` of a hit since the last commit.
+        occurrence: `hit["occurrence"]` of a hit since the last commit, or a value of `Buffer.OCCURRENCE` in a picture
+        that was requested since then.
         """
         count, world = c.c_uint64(), (c.c_double * 12)()
         number = whole("occurrence", int(occurrence))

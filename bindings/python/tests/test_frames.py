@@ -41,7 +41,7 @@ def test_all_buffers(context: outcrop.Context, scene: outcrop.Scene, camera: out
     assert shapes.items() >= {
         Buffer.COLOUR_SRGB8: ((4,), "u1"), Buffer.COLOUR_LINEAR: ((4,), "f4"), Buffer.DEPTH: ((), "f4"),
         Buffer.NORMAL: ((3,), "f4"), Buffer.PART: ((), "u8"), Buffer.PRIM: ((), "u8"), Buffer.INSTANCE: ((), "u8"),
-        Buffer.KIND: ((), "u1"), Buffer.ERROR: ((), "f4"),
+        Buffer.OCCURRENCE: ((), "u8"), Buffer.KIND: ((), "u1"), Buffer.ERROR: ((), "f4"),
     }.items()
     hit = picture.pick(32, 24)
     assert hit and hit.part == picture[Buffer.PART][24, 32] == 7 and hit.prim == picture[Buffer.PRIM][24, 32]

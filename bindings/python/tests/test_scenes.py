@@ -102,6 +102,15 @@ def test_scenes_in_scenes(context: outcrop.Context, tetra: outcrop.Model) -> Non
         assert hits["instance"].tolist() == [10, 11, 12]
         ids, place = outer.path(hits[2]["occurrence"])
         assert ids == [12, 1] and place.tolist() == at.tolist()
+        high = outcrop.Camera(eye=(3.2, 0.2, 20), at=(3.2, 0.2, 0), up=(0, 1, 0))
+        picture = context.render(outer, high, 160, 90, buffers=[outcrop.Buffer.OCCURRENCE, outcrop.Buffer.INSTANCE])
+        shown, instances = picture[outcrop.Buffer.OCCURRENCE], picture[outcrop.Buffer.INSTANCE]
+        assert shown.dtype == numpy.uint64 and shown.shape == (90, 160)
+        assert numpy.array_equal(shown == outcrop.NO_ID, instances == outcrop.NO_ID) and (shown == outcrop.NO_ID).any()
+        assert {int(instances[shown == met][0]) for met in hits["occurrence"]} == {10, 11, 12}
+        for met in numpy.unique(shown[shown != outcrop.NO_ID]):
+            assert set(instances[shown == met]) == {outer.path(met)[0][0]}
+        assert picture.pick(80, 45).occurrence == shown[45, 80] != outcrop.NO_ID
         with inner.edit():
             inner.set_look(1, hidden=True)
         assert outer.closest(over, DOWN)["kind"].all()
