@@ -267,7 +267,8 @@ pub unsafe extern "C" fn oc_scene_set_background(scene: *mut oc_scene, backgroun
 /// scenes at more than 64 levels; OC_STATUS_OVER_BUDGET if the
 /// budget has no room for them beside the data that must stay. Later jobs then see the scene as it was before.
 ///
-/// Thread safety: any thread. Cheap. Takes time in proportion to the number of instances.
+/// Thread safety: any thread. Cheap. Takes time in proportion to the number of instances, or of those that have moved:
+/// see oc_scene_set_transforms.
 /// # Safety
 /// `scene` is a live handle.
 #[unsafe(no_mangle)]

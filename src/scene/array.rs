@@ -5,6 +5,7 @@ use super::model::Model;
 use crate::base::error::{Error, Result};
 use crate::residency::{Kept, Residency};
 use glam::{DAffine3, DMat3, DQuat, DVec3};
+use std::mem::discriminant;
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -82,17 +83,15 @@ impl Transforms {
         })
     }
 
-    /// Overwrites transforms from `first` on by those of `by` in `range`. Fails with `BadArgument` for those of another
-    /// form.
-    fn overwrite(&mut self, first: usize, by: &Self, range: Range<usize>) -> Result<()> {
+    /// Overwrites transforms from `first` on by those of `by`, which have the same form, in `range`.
+    fn overwrite(&mut self, first: usize, by: &Self, range: Range<usize>) {
         let to = first..first + range.len();
         match (self, by) {
             (Self::Affine(all), Self::Affine(by)) => Arc::make_mut(all)[to].copy_from_slice(&by[range]),
             (Self::Affine32(all), Self::Affine32(by)) => Arc::make_mut(all)[to].copy_from_slice(&by[range]),
             (Self::Places(all), Self::Places(by)) => Arc::make_mut(all)[to].copy_from_slice(&by[range]),
-            _ => return Err(Error::bad_argument("the instances of the array have transforms of another form")),
+            _ => debug_assert!(false, "transforms of another form"),
         }
-        Ok(())
     }
 
     /// A copy of some.
@@ -122,6 +121,11 @@ pub struct Instances {
 
 /// The memory of arrays, for messages.
 const WHAT: &str = "an array of instances";
+
+/// Bytes of memory of transforms, and of the prototypes of their instances.
+fn bytes_of(transforms: &Transforms, prototype_of: &[u32]) -> u64 {
+    transforms.bytes() + size_of_val(prototype_of) as u64
+}
 
 /// Number of transforms of a page: the least that is copied if others hold the array.
 const PAGE: usize = 512;
@@ -160,7 +164,7 @@ impl Array {
         }
         transforms.check("instances: instance")?;
         let (prototype_of, transforms) = (Arc::clone(prototype_of), transforms.clone());
-        let memory = Arc::new(residency.keep(WHAT, transforms.bytes() + size_of_val(&*prototype_of) as u64)?);
+        let memory = Arc::new(residency.keep(WHAT, bytes_of(&transforms, &prototype_of))?);
         let (pages, first_id) = (Vec::new(), *first_id);
         Ok(Self { prototype_of, transforms, pages, first_id, memory, _pages: Kept::default() })
     }
@@ -197,42 +201,71 @@ impl Array {
         (0..self.len()).map(|member| self.prototype_of(member) as usize)
     }
 
-    /// Replaces the transforms of members from `first` on. Where others hold the array, replaces it by one with copies
-    /// of the pages that change, or of all if most do. The copies count against the budget too. Fails with
-    /// `BadArgument` for transforms of another form, or for the first that is wrong, and with `OverBudget`.
+    /// Replaces the transforms of members from `first` on. What others hold stays as it is: pages that change are
+    /// copied, or all if most change. The copies count against the budget too. Fails with `BadArgument` for transforms
+    /// of another form, or for the first that is wrong, and with `OverBudget`; then nothing has changed.
     pub fn replace(this: &mut Arc<Self>, first: u32, by: &Transforms, residency: &Residency) -> Result<()> {
         by.check("transform")?;
-        let (first, count) = (first as usize, this.transforms.len());
-        if let Some(own) = Arc::get_mut(this)
-            && own.pages.is_empty()
-        {
-            return own.transforms.overwrite(first, by, 0..by.len());
+        if discriminant(by) != discriminant(&this.transforms) {
+            return Err(Error::bad_argument("the instances of the array have transforms of another form"));
         }
-        let (prototype_of, first_id) = (Arc::clone(&this.prototype_of), this.first_id);
-        if by.len() > count / 2 {
-            let memory = residency.keep(WHAT, this.transforms.bytes() + size_of_val(&*prototype_of) as u64)?;
-            let mut transforms = this.transforms.copy(0..count);
-            for (at, page) in this.pages.iter().enumerate().filter_map(|(at, page)| Some((at, page.as_ref()?))) {
-                transforms.overwrite(at * PAGE, page, 0..page.len())?;
+        if Arc::get_mut(this).is_none() {
+            *this = Arc::new(this.copy(by.len() > this.transforms.len() / 2, residency)?);
+        }
+        let Some(own) = Arc::get_mut(this) else { return Err(Error::Internal("an array is shared".into())) };
+        own.overwrite(first as usize, by, residency)
+    }
+
+    /// A copy that shares the pages of this array, or with transforms of its own.
+    fn copy(&self, is_whole: bool, residency: &Residency) -> Result<Self> {
+        let (prototype_of, first_id) = (Arc::clone(&self.prototype_of), self.first_id);
+        if !is_whole {
+            let (transforms, pages, memory) = (self.transforms.clone(), self.pages.clone(), Arc::clone(&self.memory));
+            let _pages = residency.keep(WHAT, self.bytes_of_pages(0))?;
+            return Ok(Self { prototype_of, transforms, pages, first_id, memory, _pages });
+        }
+        let memory = Arc::new(residency.keep(WHAT, bytes_of(&self.transforms, &prototype_of))?);
+        let mut transforms = self.transforms.copy(0..self.transforms.len());
+        for (at, page) in self.pages.iter().enumerate() {
+            if let Some(page) = page {
+                transforms.overwrite(at * PAGE, page, 0..page.len());
             }
-            transforms.overwrite(first, by, 0..by.len())?;
-            let (pages, memory) = (Vec::new(), Arc::new(memory));
-            *this = Arc::new(Self { prototype_of, transforms, pages, first_id, memory, _pages: Kept::default() });
-            return Ok(());
         }
-        let mut pages = this.pages.clone();
-        pages.resize(count.div_ceil(PAGE), None);
-        for (at, page) in pages.iter_mut().enumerate().take((first + by.len()).div_ceil(PAGE)).skip(first / PAGE) {
+        Ok(Self { prototype_of, transforms, pages: Vec::new(), first_id, memory, _pages: Kept::default() })
+    }
+
+    /// Bytes of the pages, and of so many more.
+    fn bytes_of_pages(&self, more: usize) -> u64 {
+        let count = self.transforms.len();
+        let (table, page) =
+            (count.div_ceil(PAGE) * size_of::<Option<Transforms>>(), self.transforms.bytes() * PAGE as u64);
+        let pages = self.pages.iter().flatten().count() + more;
+        if pages == 0 { 0 } else { table as u64 + pages as u64 * page.div_ceil(count as u64) }
+    }
+
+    /// Overwrites transforms from `first` on: in pages where others hold `transforms`.
+    fn overwrite(&mut self, first: usize, by: &Transforms, residency: &Residency) -> Result<()> {
+        let count = self.transforms.len();
+        let is_own = Arc::strong_count(&self.memory) == 1;
+        let touched = first / PAGE..(first + by.len()).div_ceil(PAGE);
+        let has_page = |at: usize| self.pages.get(at).is_some_and(Option::is_some);
+        let more = if is_own { 0 } else { touched.clone().filter(|at| !has_page(*at)).count() };
+        if more > 0 {
+            self._pages.grow_to(residency, WHAT, self.bytes_of_pages(more))?;
+            self.pages.resize(count.div_ceil(PAGE), None);
+        }
+        for at in touched {
             let begin = at * PAGE;
             let [from, to] = [first, first + by.len()].map(|member| member.clamp(begin, begin + PAGE));
-            let page = page.get_or_insert_with(|| this.transforms.copy(begin..count.min(begin + PAGE)));
-            page.overwrite(from - begin, by, from - first..to - first)?;
+            let range = from - first..to - first;
+            match self.pages.get_mut(at) {
+                Some(Some(page)) => page.overwrite(from - begin, by, range),
+                Some(page) if !is_own => {
+                    page.insert(self.transforms.copy(begin..count.min(begin + PAGE))).overwrite(from - begin, by, range)
+                }
+                _ => self.transforms.overwrite(from, by, range),
+            }
         }
-        let table = (pages.len() * size_of::<Option<Transforms>>()) as u64;
-        let bytes = table + pages.iter().flatten().map(Transforms::bytes).sum::<u64>();
-        let _pages = residency.keep(WHAT, bytes)?;
-        let (transforms, memory) = (this.transforms.clone(), Arc::clone(&this.memory));
-        *this = Arc::new(Self { prototype_of, transforms, pages, first_id, memory, _pages });
         Ok(())
     }
 
@@ -251,7 +284,8 @@ mod tests {
     use super::*;
     use crate::residency::ResidencyOptions;
 
-    /// Any ranges may be replaced, across pages and by more than half of them; who holds the array before keeps it.
+    /// Ranges of any size are replaced, within a page, across pages, and of more than half of the array. A copy of the
+    /// array that is held meanwhile does not change.
     #[test]
     fn ranges_of_transforms_are_replaced_in_copies() {
         let residency = Residency::new(ResidencyOptions { budget: 1 << 30, promote: false });

@@ -6,7 +6,7 @@ use super::looks::PartsShown;
 use super::measures::{Measures, check_transform};
 use super::model::Model;
 use super::placed::Placed;
-use super::placement::{PlacedArray, PlacedIds, PlacedScene, Placement, Prototype};
+use super::placement::{PlacedArray, PlacedIds, PlacedScene, Placement, Prototype, hit_bounds};
 use super::state::{ArrayStates, Instance, InstanceState, SceneState, States};
 use super::top::TopTree;
 use crate::base::error::{Error, Result};
@@ -183,10 +183,7 @@ impl Placing {
         // Bytes of measures that are not stored.
         let mut left = 0;
         let mut add = |placed: &Placed, hits: &mut Vec<(u32, DBounds)>| {
-            hits.push((
-                hits.len() as u32,
-                placed.hit_bounds(&models[placed.model as usize].trees()[placed.tree as usize]),
-            ));
+            hits.push((hits.len() as u32, hit_bounds(placed, models)));
             around = around.union(placed.bounds);
             position_error = position_error.max(placed.position_error);
         };

@@ -238,7 +238,14 @@ impl Scene {
     /// Replaces the transforms of members of an array, from `member` on.
     fn shift(&self, draft: &mut Draft, array: usize, member: u32, transforms: &Transforms) -> Result<()> {
         Array::replace(&mut draft.arrays[array].array, member, transforms, self.0.context.residency())?;
-        draft.shifted.push((array, member..member + transforms.len() as u32));
+        // A commit that places all needs no list.
+        if !draft.moved {
+            draft.shifted.push((array, member..member + transforms.len() as u32));
+            draft.moved = !self.shown().placement.top.may_move(draft.shifted.len());
+        }
+        if draft.moved {
+            draft.shifted.clear();
+        }
         Ok(())
     }
 
@@ -366,7 +373,7 @@ impl Scene {
     }
 
     /// Makes the edits since the last commit visible at once to jobs that begin from now on. The time grows with the
-    /// number of instances; a commit reads no disk.
+    /// number of instances, or, if only some members of arrays have moved, with their number; a commit reads no disk.
     ///
     /// Fails with `BadArgument` if there are more than 2³¹ placed trees, and with `OverBudget` if the budget has no
     /// room for the placed trees, or for the looks of parts. Jobs then see the state before.

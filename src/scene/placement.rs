@@ -184,6 +184,11 @@ impl PlacedArray {
     }
 }
 
+/// See [`Placed::hit_bounds`]; `models`: those of the scene.
+pub(super) fn hit_bounds(placed: &Placed, models: &[Model]) -> DBounds {
+    placed.hit_bounds(&models[placed.model as usize].trees()[placed.tree as usize])
+}
+
 /// What holds placed trees that are not of single instances.
 #[derive(Clone, Copy)]
 pub(super) enum Holder<'a> {

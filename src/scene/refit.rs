@@ -4,13 +4,10 @@
 use super::draft::Draft;
 use super::edit::Scene;
 use super::measures::Measures;
-use super::placement::Placement;
+use super::placement::{Placement, hit_bounds};
 use crate::base::error::Result;
 use crate::math::DBounds;
 use std::sync::{Arc, OnceLock};
-
-/// The greatest share of the placed trees that are placed anew one by one: for more, a commit places all.
-const MOST: usize = 8;
 
 impl Scene {
     /// The placement after the moves of the draft; `None` if there are none, or if all must be placed anew. Fails with
@@ -19,7 +16,7 @@ impl Scene {
         let state = self.state();
         let before = &state.placement;
         let count: usize = draft.shifted.iter().map(|it| it.1.len()).sum();
-        if count == 0 || count > before.len() / MOST {
+        if count == 0 || !before.top.may_move(count) {
             return Ok(None);
         }
         let mut shifted: Vec<(usize, u32)> =
@@ -40,16 +37,17 @@ impl Scene {
                         Measures::of(&(linear * place.matrix3));
                 }
                 let [old, new] = [&before.arrays[at], array].map(|it| it.placed(number, &state.models));
-                let hits =
-                    [&old, &new].map(|it| it.hit_bounds(&state.models[it.model as usize].trees()[it.tree as usize]));
-                moves.push((number, hits));
+                moves.push((number, [&old, &new].map(|it| hit_bounds(it, &state.models))));
                 position_error = position_error.max(new.position_error);
                 // Where it was at the edge, the rest may end earlier.
                 bounds = bounds.filter(|all| is_inside(&old.bounds, all)).map(|all| all.union(new.bounds));
             }
         }
         let Some(top) = before.top.moved(&moves) else { return Ok(None) };
-        let changed = self.context().residency().keep("the placed trees of a scene", top.changed_bytes())?;
+        let copies = arrays.iter().zip(&before.arrays).filter(|(it, was)| !Arc::ptr_eq(&it.measures, &was.measures));
+        let copied: usize = copies.map(|(it, _)| size_of_val(&it.measures[..])).sum();
+        let bytes = top.changed_bytes() + copied as u64;
+        let changed = self.context().residency().keep("the placed trees of a scene", bytes)?;
         Ok(Some(Placement {
             singles: Arc::clone(&before.singles),
             firsts: Arc::clone(&before.firsts),

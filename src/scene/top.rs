@@ -43,25 +43,33 @@ pub struct TopTree {
 #[derive(Debug)]
 struct Nodes {
     tree: Members,
-    frame: Placed,
-    origin: DVec3,
-    /// The unit of the frame in the world. It is 1 unless coordinates are near the limits of single precision.
-    scale: f64,
-    /// Growth of the boxes, in the world.
-    grown: f64,
+    frame: Frame,
     /// Number of the placed trees, and of those that were moved since the tree was built.
     count: usize,
     moved: usize,
 }
 
-impl Nodes {
+/// The frame of the boxes.
+#[derive(Debug, Clone, Copy)]
+struct Frame {
+    /// The tree, placed in the world.
+    placed: Placed,
+    /// Growth of the boxes, in the world.
+    grown: f64,
+}
+
+impl Frame {
+    /// A box of the world, grown.
+    fn grow(&self, b: &DBounds) -> DBounds {
+        DBounds { min: b.min - self.grown, max: b.max + self.grown }
+    }
+
     /// A box of the world in the frame, grown.
     fn local(&self, b: &DBounds) -> Bounds {
-        let at = |v: DVec3| ((v - self.origin) / self.scale).to_array();
-        let grown = DVec3::splat(self.grown);
+        let (b, local) = (self.grow(b), |v: DVec3| self.placed.local_point(v).to_array());
         Bounds {
-            min: Vec3::from(at(b.min - grown).map(|x| (x as f32).next_down())),
-            max: Vec3::from(at(b.max + grown).map(|x| (x as f32).next_up())),
+            min: Vec3::from(local(b.min).map(|x| (x as f32).next_down())),
+            max: Vec3::from(local(b.max).map(|x| (x as f32).next_up())),
         }
     }
 }
@@ -72,7 +80,7 @@ impl Default for TopTree {
     }
 }
 
-/// Growth of boxes, as a fraction of the tree's greatest coordinate. Walks misplace a ray by a few roundings of that
+/// Growth of boxes, as a fraction of half the tree's extent. Walks misplace a ray by a few roundings of that
 /// (h = 2^-24), and the walk in a placed tree misplaces it otherwise: a ray that meets something there must meet the
 /// box.
 const GROWTH: f64 = 1.0 / 131_072.0;
@@ -109,37 +117,36 @@ impl TopTree {
         let all = DVec3::splat(reach * ROOM);
         let all = DBounds { min: origin - all, max: origin + all };
         let max_coord = (reach * ROOM / scale) as f32;
-        let frame = Placed::of_boxes(origin, scale, &all, max_coord);
+        let frame = Frame { placed: Placed::of_boxes(origin, scale, &all, max_coord), grown };
         let count = bounds.len();
-        let mut nodes = Nodes { tree: Members::default(), frame, origin, scale, grown, count, moved: 0 };
-        let tree = Members::build(bounds.into_iter().map(|(number, b)| (number, nodes.local(&b))), max_coord)?;
+        let tree = Members::build(bounds.into_iter().map(|(number, b)| (number, frame.local(&b))), max_coord)?;
         let root = NodeRef(tree.root());
-        nodes.tree = tree;
-        Ok(Self { around, root: Some(root), nodes: Some(nodes) })
+        Ok(Self { around, root: Some(root), nodes: Some(Nodes { tree, frame, count, moved: 0 }) })
+    }
+
+    /// True if so many more placed trees may move without a build of the tree.
+    pub fn may_move(&self, more: usize) -> bool {
+        self.nodes.as_ref().is_some_and(|nodes| nodes.moved + more <= nodes.count / MOST_MOVED)
     }
 
     /// The tree after moves of placed trees: their indices, and their bounds before and after. `None` if it must be
     /// built anew: too many have moved since it was built, or one leaves the room around it.
     pub fn moved(&self, moves: &[(u32, [DBounds; 2])]) -> Option<Self> {
-        let nodes = self.nodes.as_ref()?;
-        let moved = nodes.moved + moves.len();
-        let room = nodes.frame.bounds;
-        let leaves = |b: &DBounds| {
-            b.is_empty() || !room.contains(&DBounds { min: b.min - nodes.grown, max: b.max + nodes.grown })
-        };
-        if moved > nodes.count / MOST_MOVED || moves.iter().any(|it| leaves(&it.1[1]) || it.1[0].is_empty()) {
+        let Nodes { tree, frame, count, moved } = self.nodes.as_ref().filter(|_| self.may_move(moves.len()))?;
+        let is_in_room = |b: &DBounds| !b.is_empty() && frame.placed.bounds.contains(&frame.grow(b));
+        if !moves.iter().all(|it| is_in_room(&it.1[1])) {
             return None;
         }
         let local = |&(member, [from, to]): &(u32, [DBounds; 2])| Move {
             member,
-            from: nodes.local(&from),
-            to: nodes.local(&to),
+            from: frame.local(&from),
+            to: frame.local(&to),
         };
-        let tree = nodes.tree.moved(&moves.iter().map(local).collect::<Vec<_>>())?;
-        // It does not shrink, so that it holds all, and is found without a look at all.
+        let tree = tree.moved(&moves.iter().map(local).collect::<Vec<_>>())?;
+        // It does not shrink: to find out by how much it may, all would have to be looked at.
         let around = moves.iter().fold(self.around, |all, it| all.union(it.1[1]));
-        let Nodes { frame, origin, scale, grown, count, .. } = *nodes;
-        Some(Self { around, root: self.root, nodes: Some(Nodes { tree, frame, origin, scale, grown, count, moved }) })
+        let nodes = Nodes { tree, frame: *frame, count: *count, moved: moved + moves.len() };
+        Some(Self { around, root: self.root, nodes: Some(nodes) })
     }
 
     /// Bytes of memory of nodes that differ from those of the build.
@@ -162,19 +169,19 @@ impl TopTree {
     /// The tree for walks of rays, and its frame; `None` over fewer than two placed trees.
     #[inline]
     pub(crate) fn walked(&self) -> Option<(&Members, &Placed)> {
-        self.nodes.as_ref().map(|nodes| (&nodes.tree, &nodes.frame))
+        self.nodes.as_ref().map(|nodes| (&nodes.tree, &nodes.frame.placed))
     }
 
     /// Calls `visit` with the children of an inner node, at most eight, and their boxes.
     #[inline]
     pub fn children(&self, node: u32, mut visit: impl FnMut(NodeRef, DBounds)) {
-        let Some(Nodes { tree, origin, scale, .. }) = &self.nodes else { return };
+        let Some(Nodes { tree, frame, .. }) = &self.nodes else { return };
         tree.children(node, |child, b| {
             let reference = match child {
                 MemberChild::Node(node) => NodeRef(node),
                 MemberChild::Member(placed) => NodeRef(placed | LEAF),
             };
-            let in_world = |v: Vec3| v.as_dvec3() * *scale + *origin;
+            let in_world = |v: Vec3| frame.placed.world_point(v.as_dvec3());
             visit(reference, DBounds { min: in_world(b.min), max: in_world(b.max) });
         });
     }
@@ -214,10 +221,23 @@ mod tests {
         found
     }
 
+    /// Number of levels, that of the leaves included.
+    fn depth(tree: &TopTree) -> usize {
+        let (mut deepest, mut todo) = (0, vec![(1, tree.root().unwrap())]);
+        while let Some((depth, node)) = todo.pop() {
+            deepest = deepest.max(depth);
+            if let Target::Inner(i) = node.target() {
+                tree.children(i, |child, _| todo.push((depth + 1, child)));
+            }
+        }
+        deepest
+    }
+
     #[test]
     fn every_box_that_a_ray_meets_is_a_leaf_it_reaches() {
         let boxes = grid(200);
         let tree = TopTree::build((0..).zip(boxes.iter().copied()).collect()).unwrap();
+        assert!(depth(&tree) < 24);
         // Directions are axis-parallel, in planes of boxes, and diagonal; origins lie on the grid of the boxes.
         for (i, dir) in
             [Vec3::X, -Vec3::Y, Vec3::Z, Vec3::ONE, Vec3::new(1.0, -1.0, 0.0)].iter().cycle().take(500).enumerate()
@@ -249,6 +269,7 @@ mod tests {
     fn coincident_boxes_still_make_a_tree() {
         let boxes = vec![DBounds { min: DVec3::ZERO, max: DVec3::ONE }; 1000];
         let tree = TopTree::build((0..).zip(boxes.iter().copied()).collect()).unwrap();
+        assert!(depth(&tree) <= 12, "halved where nothing tells them apart: depth {}", depth(&tree));
         let inside = BoxRay::new(&Ray::new(DVec3::splat(0.5), Vec3::X));
         assert_eq!(walk(&tree, &inside, 1.0), (0..1000).collect::<Vec<_>>());
         assert!(TopTree::build(vec![(0, DBounds::EMPTY)]).unwrap().root().is_none());

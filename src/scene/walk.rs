@@ -405,6 +405,7 @@ impl<'a> SceneView<'a> {
                 best.offer::<ANY>(self.widen_interval, &at, walk.tree.best(), walk.tree.first_cell());
                 (walk.best, walk.inside) = (Some(best), None);
                 if ANY && best.is_hit() {
+                    walk.at_top = None;
                     return Step::Done;
                 }
             }

@@ -23,7 +23,7 @@ pub enum Child {
 }
 
 /// A tree over members.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Members {
     blocks: Snapshot,
     root: u32,
@@ -35,12 +35,9 @@ pub struct Members {
 impl Members {
     /// Upper bound of the bytes of memory for each member, while the tree is built.
     pub const BYTES_EACH: usize = build::BYTES_EACH;
-    /// Greatest number of members.
-    pub const MOST: usize = build::MOST;
-
     /// Builds a tree over the members of `boxes`, at least two: their numbers, below 2^31, and their boxes, which are
     /// not empty. No coordinate is greater than `max_coord` in magnitude; later moves may go that far too. The same
-    /// input gives the same tree. Fails with `NoMemory`.
+    /// input gives the same tree. Fails with `NoMemory`, and with `BadArgument` for more than some 1.8 billion.
     pub fn build(boxes: impl ExactSizeIterator<Item = (u32, Bounds)>, max_coord: f32) -> Result<Self> {
         let built = build::build(boxes)?;
         let count = built.len() as u32;
@@ -60,15 +57,17 @@ impl Members {
         number_of(self.root, 0)
     }
 
-    /// Greatest magnitude of a coordinate.
-    pub fn max_coord(&self) -> f32 {
-        self.max_coord
-    }
-
     /// Calls `visit` with the children of a node, at most eight, and their boxes.
     #[inline]
-    pub fn children(&self, node: u32, visit: impl FnMut(Child, Bounds)) {
-        children(&self.blocks, node, visit);
+    pub fn children(&self, node: u32, mut visit: impl FnMut(Child, Bounds)) {
+        let (id, index) = (node / MAX_NODES as u32, node as usize % MAX_NODES);
+        let block = Block::new(self.block(id));
+        let node = block.node(index);
+        for slot in bits(node.valid.into()) {
+            if let Some(child) = child_of(block, id, node.child[slot]) {
+                visit(child, node.child_box(slot));
+            }
+        }
     }
 
     /// The words of a block.
@@ -98,28 +97,22 @@ impl Members {
 }
 
 /// The number of a node: its block times [`MAX_NODES`], plus its index there.
-pub(super) fn number_of(block: u32, index: u32) -> u32 {
-    block * MAX_NODES as u32 + index
+fn number_of(block: u32, index: usize) -> u32 {
+    block * MAX_NODES as u32 + index as u32
 }
 
+/// The child that a reference in a block stands for; `None` for references that a tree over members has not.
 #[inline]
-fn children(blocks: &Snapshot, node: u32, mut visit: impl FnMut(Child, Bounds)) {
-    let (id, index) = (node / MAX_NODES as u32, node % MAX_NODES as u32);
-    let Some(words) = blocks.block(BlockId(id)) else { return };
-    let block = Block::new(words);
-    let node = block.node(index as usize);
-    for slot in bits(node.valid.into()) {
-        let child = match layout::Child::from_bits(node.child[slot].into()) {
-            layout::Child::Node(index) => Child::Node(number_of(id, index as u32)),
-            layout::Child::External(at) => {
-                let (to, child) = block.external(at);
-                let layout::Child::Node(index) = layout::Child::from_bits(child) else { continue };
-                Child::Node(number_of(to, index as u32))
-            }
-            layout::Child::Member(at) => Child::Member(block.member(at)),
-            layout::Child::Leaf(_) => continue,
-        };
-        visit(child, node.child_box(slot));
+pub(super) fn child_of(block: Block, id: u32, reference: u16) -> Option<Child> {
+    match layout::Child::from_bits(reference.into()) {
+        layout::Child::Node(index) => Some(Child::Node(number_of(id, index))),
+        layout::Child::External(at) => {
+            let (to, child) = block.external(at);
+            let layout::Child::Node(index) = layout::Child::from_bits(child) else { return None };
+            Some(Child::Node(number_of(to, index)))
+        }
+        layout::Child::Member(at) => Some(Child::Member(block.member(at))),
+        layout::Child::Leaf(_) => None,
     }
 }
 

@@ -1,8 +1,8 @@
 //! Moves members of a tree over members: the boxes above each one are fitted anew, in copies of the blocks that change.
 
-use super::build::quantise::quantise;
-use super::layout::{Block, Child, HEADER_WORDS, MAX_NODES, NODE_WORDS, Node};
-use super::members::{Members, number_of};
+use super::build::quantise::set_box;
+use super::layout::{Block, HEADER_WORDS, MAX_NODES, NODE_WORDS, Node};
+use super::members::{Child, Members, child_of};
 use crate::base::ids::BlockId;
 use crate::math::{Bounds, bits};
 use crate::residency::Slot;
@@ -57,53 +57,29 @@ impl Refit<'_> {
 
     /// The slots from the root to a member.
     fn path_to(&self, it: &Move) -> Option<Vec<At>> {
-        let (mut path, mut todo) = (Vec::new(), vec![(self.tree.root(), 0)]);
-        while let Some((number, depth)) = todo.pop() {
+        // Nodes still to be searched: their depths, their numbers, and the slots of their parents.
+        let (mut path, mut todo): (Vec<At>, _) = (Vec::new(), vec![(0, self.tree.root(), 0)]);
+        while let Some((depth, number, slot_above)) = todo.pop() {
             path.truncate(depth);
+            if let Some(parent) = path.last_mut() {
+                parent.slot = slot_above;
+            }
             let (block, node) = (number / MAX_NODES as u32, number as usize % MAX_NODES);
             let words = Block::new(self.words(block));
             let stored = words.node(node);
             path.push(At { block, node, slot: 0 });
-            for slot in bits(stored.valid.into()) {
-                if !stored.child_box(slot).contains(&it.from) {
-                    continue;
-                }
-                let next = match Child::from_bits(stored.child[slot].into()) {
-                    Child::Node(index) => number_of(block, index as u32),
-                    Child::External(at) => {
-                        let (to, child) = words.external(at);
-                        let Child::Node(index) = Child::from_bits(child) else { continue };
-                        number_of(to, index as u32)
-                    }
-                    Child::Member(at) if words.member(at) == it.member => {
+            for slot in bits(stored.valid.into()).filter(|slot| stored.child_box(*slot).contains(&it.from)) {
+                match child_of(words, block, stored.child[slot]) {
+                    Some(Child::Node(below)) => todo.push((depth + 1, below, slot)),
+                    Some(Child::Member(member)) if member == it.member => {
                         path[depth].slot = slot;
-                        self.set_slots(&mut path);
                         return Some(path);
                     }
-                    Child::Member(_) | Child::Leaf(_) => continue,
-                };
-                todo.push((next, depth + 1));
+                    Some(Child::Member(_)) | None => {}
+                }
             }
         }
         None
-    }
-
-    /// Sets the slots of all nodes of a path but the last.
-    fn set_slots(&self, path: &mut [At]) {
-        for i in 1..path.len() {
-            let (to, parent) = (path[i], &mut path[i - 1]);
-            let words = Block::new(self.words(parent.block));
-            let stored = words.node(parent.node);
-            let leads = |slot: &usize| match Child::from_bits(stored.child[*slot].into()) {
-                Child::Node(index) => (parent.block, index) == (to.block, to.node),
-                Child::External(at) => {
-                    let (block, child) = words.external(at);
-                    block == to.block && Child::from_bits(child) == Child::Node(to.node)
-                }
-                Child::Member(_) | Child::Leaf(_) => false,
-            };
-            parent.slot = bits(stored.valid.into()).find(leads).unwrap_or(0);
-        }
     }
 
     /// Gives the slot at the end of a path a box, and the slots above it boxes around their nodes'.
@@ -122,29 +98,4 @@ impl Refit<'_> {
             to = node.children_box();
         }
     }
-}
-
-/// Gives a child of a node a box, on the grid that the node has if that is large enough.
-fn set_box(node: &mut Node, slot: usize, to: Bounds) {
-    let (mut low, mut high) = ([0.0; 3], [0.0; 3]);
-    let mut fits = true;
-    for axis in 0..3 {
-        let (origin, step) = (f64::from(node.origin[axis]), f64::from(node.step(axis)));
-        low[axis] = ((f64::from(to.min[axis]) - origin) / step).floor();
-        high[axis] = ((f64::from(to.max[axis]) - origin) / step).ceil();
-        // Differences of coordinates may be rounded: see `quantise`.
-        low[axis] -= f64::from(u8::from(origin + low[axis] * step > f64::from(to.min[axis])));
-        high[axis] += f64::from(u8::from(origin + high[axis] * step < f64::from(to.max[axis])));
-        fits &= low[axis] >= 0.0 && high[axis] <= 255.0;
-    }
-    if fits {
-        for axis in 0..3 {
-            (node.planes[axis][slot], node.planes[axis + 3][slot]) = (low[axis] as u8, high[axis] as u8);
-        }
-        return;
-    }
-    let count = node.valid.count_ones() as usize;
-    let boxes: Vec<Bounds> = (0..count).map(|i| if i == slot { to } else { node.child_box(i) }).collect();
-    let Node { origin, exponent, planes, .. } = quantise(boxes.iter().copied());
-    (node.origin, node.exponent, node.planes) = (origin, exponent, planes);
 }

@@ -1,6 +1,7 @@
 //! Builds a tree over boxes of members instead of triangles: binary splits by the surface area heuristic, up to eight
-//! at a time, down to single members. Every member has a slot of a node. The blocks have nodes, references to other
-//! blocks and numbers of members, and no voxels: cells of such a tree never stand in.
+//! at a time, down to single members. Every member has a slot of a node. A block has a header, nodes and references to
+//! other blocks as in `layout`, then the numbers of its members, one word each, and no voxels: cells of such a tree
+//! never stand in.
 //!
 //! Nodes go to blocks in rounds, as in `cluster`: each round cuts off the largest subtrees of at most [`UNIT_WORDS`]
 //! words, neighbours fill blocks, and what remains is the input of the next round.
@@ -10,7 +11,7 @@ use super::quantise::quantise;
 use super::refs::Ref;
 use super::sah::{self, Extents};
 use super::tree::DEEP;
-use crate::base::error::Result;
+use crate::base::error::{Error, Result};
 use crate::base::memory::room;
 use crate::math::Bounds;
 use crate::structure::bvh::layout::{
@@ -78,8 +79,8 @@ impl Sub {
     }
 }
 
-/// Greatest number of members: that of a node must fit thirty bits.
-pub const MOST: usize = 1 << 30;
+/// Greatest number of nodes: the number of one has thirty bits.
+const MOST_NODES: usize = 1 << 30;
 
 /// Upper bound of the bytes for each member while a tree is built. A node has eight children, or two or more members
 /// and no other child, so there are at most 4/7 nodes for each member.
@@ -95,14 +96,18 @@ struct Task {
     parent: Option<(u32, usize)>,
 }
 
-/// Builds a tree over the members of `boxes`, at least two and less than [`MOST`]: their numbers, below 2^31, and their
-/// boxes, which are not empty. The same input gives the same words, block by block; the root is node 0 of the last
-/// block. Fails with `NoMemory`.
+/// Builds a tree over the members of `boxes`, at least two: their numbers, below 2^31, and their boxes, which are not
+/// empty. The same input gives the same words, block by block; the root is node 0 of the last block. Fails with
+/// `NoMemory`, and with `BadArgument` if there may be more than [`MOST_NODES`] nodes.
 pub fn build(boxes: impl ExactSizeIterator<Item = (u32, Bounds)>) -> Result<Vec<Vec<u32>>> {
     let par = Par { threads: 1 };
+    let most = boxes.len() * 4 / 7 + 1;
+    if most > MOST_NODES {
+        return Err(Error::bad_argument("there are too many placed trees for one tree over all"));
+    }
     let mut refs: Vec<Ref> = room(boxes.len(), WHAT)?;
     refs.extend(boxes.map(|(number, b)| Ref::new(b, number)));
-    let mut nodes: Vec<Wide> = room(refs.len() * 4 / 7 + 1, WHAT)?;
+    let mut nodes: Vec<Wide> = room(most, WHAT)?;
     let extents = Extents::of(&refs, &par);
     let mut todo = vec![Task { first: 0, len: refs.len(), extents, depth: 1, parent: None }];
     while let Some(task) = todo.pop() {

@@ -23,7 +23,7 @@ mod partition;
 mod proxies;
 mod content;
 mod coverage;
-pub mod quantise;
+pub(in crate::structure::bvh) mod quantise;
 mod refs;
 mod sah;
 mod seen;

@@ -20,15 +20,7 @@ pub fn quantise(children: impl ExactSizeIterator<Item = Bounds> + Clone) -> Node
         let step = f64::from(node.step(axis));
         let origin = f64::from(all.min[axis]);
         for (slot, bounds) in children.clone().enumerate() {
-            // Differences of coordinates that are 2^53 apart are rounded: one step outward corrects that.
-            let mut low = ((f64::from(bounds.min[axis]) - origin) / step).floor();
-            let mut high = ((f64::from(bounds.max[axis]) - origin) / step).ceil();
-            if origin + low * step > f64::from(bounds.min[axis]) {
-                low -= 1.0;
-            }
-            if origin + high * step < f64::from(bounds.max[axis]) {
-                high += 1.0;
-            }
+            let [low, high] = on_grid(origin, step, [bounds.min[axis], bounds.max[axis]]);
             node.planes[axis][slot] = low.clamp(0.0, 255.0) as u8;
             node.planes[axis + 3][slot] = high.clamp(0.0, 255.0) as u8;
         }
@@ -40,6 +32,37 @@ pub fn quantise(children: impl ExactSizeIterator<Item = Bounds> + Clone) -> Node
         }
     }
     node
+}
+
+/// The planes of a box on an axis of a grid, in steps from its origin, rounded outward.
+fn on_grid(origin: f64, step: f64, [min, max]: [f32; 2]) -> [f64; 2] {
+    let [min, max] = [min, max].map(f64::from);
+    let (mut low, mut high) = (((min - origin) / step).floor(), ((max - origin) / step).ceil());
+    // Differences of coordinates that are 2^53 apart are rounded: one step outward corrects that.
+    if origin + low * step > min {
+        low -= 1.0;
+    }
+    if origin + high * step < max {
+        high += 1.0;
+    }
+    [low, high]
+}
+
+/// Gives a child of a node another box: on the grid that the node has if that is large enough, else on a new one.
+pub fn set_box(node: &mut Node, slot: usize, to: Bounds) {
+    let planes: [[f64; 2]; 3] = std::array::from_fn(|axis| {
+        on_grid(node.origin[axis].into(), node.step(axis).into(), [to.min[axis], to.max[axis]])
+    });
+    if planes.iter().all(|[low, high]| *low >= 0.0 && *high <= 255.0) {
+        for (axis, [low, high]) in planes.into_iter().enumerate() {
+            (node.planes[axis][slot], node.planes[axis + 3][slot]) = (low as u8, high as u8);
+        }
+        return;
+    }
+    let boxes: Vec<Bounds> =
+        (0..node.valid.count_ones() as usize).map(|i| if i == slot { to } else { node.child_box(i) }).collect();
+    let Node { origin, exponent, planes, .. } = quantise(boxes.iter().copied());
+    (node.origin, node.exponent, node.planes) = (origin, exponent, planes);
 }
 
 /// Returns the biased exponent of the least power of two of which 255 steps cover `extent`.
