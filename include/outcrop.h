@@ -2122,7 +2122,7 @@ typedef struct oc_place {
 #define OC_BUFFER_SHADING_NORMAL 9
 
 /**
- * 1 uint64_t: number of the place where the mesh of an instance was met, by a triangle or a stand-in, below 2^31; see
+ * 1 uint64_t: number of the place where the mesh of an instance was met, by a triangle or a stand-in, below 2^63; see
  * `oc_hit.occurrence`. oc_scene_get_path returns the ids on the way there. It holds for the commit that the picture
  * shows: after a later commit of the scene it may stand for another place, or for none. Miss: OC_NO_ID.
  */
@@ -2820,9 +2820,10 @@ oc_status oc_scene_set_background(struct oc_scene *scene,
  *
  * Placed meshes, instances and looks of parts count against the budget, but for 80 KiB of each scene.
  *
- * Errors: OC_STATUS_INVALID_ARGUMENT if the scene would hold 2^31 or more placed meshes or instances, or scenes in
- * scenes at more than 64 levels; OC_STATUS_OVER_BUDGET if the
- * budget has no room for them beside the data that must stay. Later jobs then see the scene as it was before.
+ * Errors: OC_STATUS_INVALID_ARGUMENT if the scene would hold 2^31 or more placed meshes or instances of its own, or
+ * 2^63 with those in scenes in it, scenes in scenes at more than 64 levels, or transforms that are singular or nearly
+ * so together; OC_STATUS_OVER_BUDGET if the budget has no room for them beside the data that must stay. Later jobs then
+ * see the scene as it was before.
  *
  * Thread safety: any thread. Cheap. Takes time in proportion to the number of instances, or of those that have moved:
  * see oc_scene_set_transforms.
@@ -2904,8 +2905,8 @@ oc_status oc_scene_remove_instances(struct oc_scene *scene,
  * Adds a scene to a scene as an instance. Takes effect at oc_scene_commit.
  *
  * Each commit of `scene` takes `inner` as it was committed last. Its lights and its background are left out. Scenes
- * may be in scenes, up to 64 levels, and one scene any number of times. What is in `inner` counts as placed meshes of
- * `scene` each time, 45 to 60 bytes each. The mask and the look of the instance apply to all in it: colours that
+ * may be in scenes, up to 64 levels, and one scene any number of times: it takes some 700 bytes each time, however much
+ * is in it. The mask and the look of the instance apply to all in it: colours that
  * `inner` sets have precedence. Its parts have looks in `inner` only.
  *
  * - `inner`: another scene of the same context.

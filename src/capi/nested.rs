@@ -10,8 +10,8 @@ use super::view::transform;
 /// Adds a scene to a scene as an instance. Takes effect at oc_scene_commit.
 ///
 /// Each commit of `scene` takes `inner` as it was committed last. Its lights and its background are left out. Scenes
-/// may be in scenes, up to 64 levels, and one scene any number of times. What is in `inner` counts as placed meshes of
-/// `scene` each time, 45 to 60 bytes each. The mask and the look of the instance apply to all in it: colours that
+/// may be in scenes, up to 64 levels, and one scene any number of times: it takes some 700 bytes each time, however much
+/// is in it. The mask and the look of the instance apply to all in it: colours that
 /// `inner` sets have precedence. Its parts have looks in `inner` only.
 ///
 /// - `inner`: another scene of the same context.

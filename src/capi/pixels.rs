@@ -31,7 +31,7 @@ pub const OC_BUFFER_KIND: oc_buffer = 7;
 pub const OC_BUFFER_ERROR: oc_buffer = 8;
 /// 3 floats: unit normal in world space with which the surface is shaded, see `oc_hit.shading_normal`. Miss: 0.
 pub const OC_BUFFER_SHADING_NORMAL: oc_buffer = 9;
-/// 1 uint64_t: number of the place where the mesh of an instance was met, by a triangle or a stand-in, below 2^31; see
+/// 1 uint64_t: number of the place where the mesh of an instance was met, by a triangle or a stand-in, below 2^63; see
 /// `oc_hit.occurrence`. oc_scene_get_path returns the ids on the way there. It holds for the commit that the picture
 /// shows: after a later commit of the scene it may stand for another place, or for none. Miss: OC_NO_ID.
 pub const OC_BUFFER_OCCURRENCE: oc_buffer = 10;

@@ -2,6 +2,8 @@
 
 use super::part_set::{Members, PartSet};
 use crate::base::error::Result;
+use crate::math::DBounds;
+use crate::scene::frame::{NodeRef, Target};
 use crate::scene::top::TopTree;
 use crate::scene::walk::SceneView;
 use crate::scene::{SceneState, blocks_with};
@@ -15,7 +17,7 @@ pub(super) struct Among<'a> {
     /// The tree over placed trees with members; `None`: that of the scene.
     top: Option<TopTree>,
     /// For placed trees of which only some parts are members: the blocks that have such.
-    blocks: BTreeMap<u32, ShownBlocks>,
+    blocks: BTreeMap<u64, ShownBlocks>,
 }
 
 impl<'a> Among<'a> {
@@ -28,12 +30,14 @@ impl<'a> Among<'a> {
         }
         let members = Members::of(scene, set, name)?;
         let mut bounds = Vec::new();
-        for (placed, p) in (0..).zip(scene.all_placed()) {
+        // Sets of parts bound the number.
+        for placed in 0..scene.placement.len() {
+            let p = scene.placed(placed);
             let (model, looks) = (&scene.models[p.model as usize], &scene.state_of(p.instance).parts.looks);
             let count = model.local_parts(p.tree);
             let has_any = members.has_any(p.instance, p.first_part, count);
             if has_any {
-                bounds.push((placed, p.bounds));
+                bounds.push((placed as u32, p.bounds));
             }
             if reads && has_any && count > 1 && !members.has_all(p.instance) {
                 let has = |part: u32| {
@@ -48,14 +52,31 @@ impl<'a> Among<'a> {
         Ok(among)
     }
 
-    /// The tree over placed trees that may have members.
-    pub fn top(&self) -> &TopTree {
-        self.top.as_ref().unwrap_or(&self.scene.placement.top)
+    /// The root of the tree over placed trees that may have members.
+    pub fn root(&self) -> Option<Target> {
+        match &self.top {
+            None => self.scene.root(),
+            Some(top) => top.root().map(Target::from),
+        }
+    }
+
+    /// Calls `visit` with the children of a node of this tree, and their boxes.
+    #[inline]
+    pub fn children(&self, node: NodeRef, mut visit: impl FnMut(Target, DBounds)) {
+        match &self.top {
+            None => self.scene.children(node, visit),
+            Some(top) => top.children(node.node(), |child, bounds| visit(child.into(), bounds)),
+        }
+    }
+
+    /// Bounds of all that is in it.
+    pub fn around(&self) -> &DBounds {
+        self.top.as_ref().unwrap_or(&self.scene.placement.top).around()
     }
 
     /// True if walks enter a placed tree.
     #[inline]
-    pub fn enters(&self, placed: u32) -> bool {
+    pub fn enters(&self, placed: u64) -> bool {
         let p = self.scene.placed(placed);
         let instance = self.scene.state_of(p.instance);
         let is_hidden = |shown: &ShownBlocks| shown.lacks(shown.first_block);
@@ -64,26 +85,26 @@ impl<'a> Among<'a> {
 
     /// True if a part of an instance is a visible member.
     #[inline]
-    pub fn has(&self, instance: u32, part: u32) -> bool {
+    pub fn has(&self, instance: u64, part: u32) -> bool {
         self.members.as_ref().is_none_or(|members| members.has(instance, part))
             && !self.scene.state_of(instance).parts.looks.hides(part)
     }
 
     /// True if all parts of a placed tree are visible members.
     #[inline]
-    pub fn is_whole(&self, placed: u32) -> bool {
+    pub fn is_whole(&self, placed: u64) -> bool {
         let instance = self.scene.ids_of(placed).instance;
         self.members.as_ref().is_none_or(|members| members.has_all(instance))
             && self.scene.state_of(instance).parts.looks.hidden.is_empty()
     }
 
-    fn shown(&self, placed: u32) -> Option<&ShownBlocks> {
+    fn shown(&self, placed: u64) -> Option<&ShownBlocks> {
         self.blocks.get(&placed).or_else(|| self.scene.shown_blocks(placed))
     }
 
     /// A placed tree without the blocks that have no members.
     #[inline]
-    pub fn tree<'b>(&'b self, view: &SceneView<'b>, placed: u32) -> Tree<'b> {
+    pub fn tree<'b>(&'b self, view: &SceneView<'b>, placed: u64) -> Tree<'b> {
         view.tree_showing(placed, self.shown(placed))
     }
 }

@@ -65,7 +65,7 @@ impl fmt::Debug for Judge<'_> {
 }
 
 impl Ends for Judge<'_> {
-    fn triangle(&self, placed: u32, triangle: &Triangle, t: f64) -> bool {
+    fn triangle(&self, placed: u64, triangle: &Triangle, t: f64) -> bool {
         is_within(self.ray, meet(&self.scene.placed(placed), &triangle.vertices, self.ray, t).t)
     }
     fn cell(&self, t: f64) -> bool {

@@ -140,7 +140,7 @@ impl Chunk {
     }
 
     /// See [`SceneView::trace_in_only`].
-    fn trace_in_only(&mut self, view: &SceneView, task: Task, rays: &[Ray]) -> Option<u32> {
+    fn trace_in_only(&mut self, view: &SceneView, task: Task, rays: &[Ray]) -> Option<u64> {
         let placed = if task.any {
             view.trace_in_only::<true>(rays, &mut self.stream)
         } else {
@@ -157,7 +157,7 @@ impl Chunk {
         &mut self,
         view: &SceneView,
         task: Task,
-        placed: u32,
+        placed: u64,
         (group, rays): (Range<usize>, &[Ray]),
         hits: &impl Hits,
     ) {
@@ -252,7 +252,7 @@ impl Chunk {
     }
 
     /// Computes the answers of a group that went through one placed tree. Rays of `met` hit something.
-    fn answer_in_one(&mut self, view: &SceneView, want: Want, placed: u32, rays: &[Ray], met: u32) -> Rest {
+    fn answer_in_one(&mut self, view: &SceneView, want: Want, placed: u64, rays: &[Ray], met: u32) -> Rest {
         let Self { seen, group, answers, .. } = self;
         let misses = if want.has(Want::ERROR) { group.behind_cells() & !met & first_rays(rays.len()) } else { 0 };
         let out = answers.begin(met, misses);

@@ -123,7 +123,7 @@ pub(super) type TakeMet<'a> = &'a mut dyn FnMut(usize, &[Met], bool);
 pub(super) struct Met {
     pub crossing: Crossing,
     /// Index of the placed tree.
-    pub placed: u32,
+    pub placed: u64,
     /// Index of the part in its model.
     pub part: u32,
     /// The place of the primitive id. With it the id needs one block, and not the triangle's block in addition.
@@ -168,7 +168,7 @@ struct Few<'a> {
 
 impl Few<'_> {
     /// Makes visits, which are in the order of their rays, and answers the rays before the last one.
-    fn visit(&mut self, mut visits: &[(u32, u32)], take: TakeMet) -> Result<()> {
+    fn visit(&mut self, mut visits: &[(u32, u64)], take: TakeMet) -> Result<()> {
         let mut count = visits.len();
         while !visits.is_empty() {
             let (now, later) = visits.split_at(count.min(visits.len()));
@@ -198,8 +198,8 @@ impl Few<'_> {
     }
 
     /// Makes visits at the same time; `None` if their results take more than `room` bytes.
-    fn sweep(&self, visits: &[(u32, u32)], room: u64) -> Result<Option<Vec<Found>>> {
-        let trees: Vec<u32> = visits.iter().map(|&(_, placed)| placed).collect();
+    fn sweep(&self, visits: &[(u32, u64)], room: u64) -> Result<Option<Vec<Found>>> {
+        let trees: Vec<u64> = visits.iter().map(|&(_, placed)| placed).collect();
         let room = Room { left: AtomicU64::new(room / EACH), is_exceeded: AtomicBool::new(false) };
         let found = sweep(self.scene, &trees, self.policy, &|view, visit, left, found: &mut Found| {
             let (ray, placed) = visits[visit];
@@ -218,7 +218,7 @@ impl Few<'_> {
         let ray = &self.rays[ray as usize];
         entrances.begin(self.scene, ray);
         while left {
-            let trees: Vec<u32> = std::iter::from_fn(|| entrances.next(self.scene, ray)).take(VISITS).collect();
+            let trees: Vec<u64> = std::iter::from_fn(|| entrances.next(self.scene, ray)).take(VISITS).collect();
             left = !trees.is_empty();
             count += sweep(self.scene, &trees, self.policy, &|view, visit, left, count: &mut u64| {
                 view.through(ray, trees[visit], left, &mut |_, _, _, _| *count += 1);
@@ -287,7 +287,7 @@ fn grow(met: &mut Vec<Met>) -> bool {
 fn search(
     view: &SceneView,
     ray: &Ray,
-    placed: u32,
+    placed: u64,
     left: &mut Descent,
     found: &mut Found,
     room: &Room,

@@ -297,7 +297,7 @@ impl SceneState {
         if ids.contains(&super::hit::NONE) || !hit.position.is_finite() {
             return wrong("it needs a position, and the ids of instance, part and primitive");
         }
-        for number in 0..self.placement.len() as u32 {
+        for number in self.placed_in(|b| holds(b, hit.position)) {
             cancel.check()?;
             if self.instance_id(self.ids_of(number).instance) != hit.instance {
                 continue;

@@ -39,7 +39,7 @@ pub struct PartAt {
 }
 
 /// Takes the parts around the point with this index: instance, part, winding number.
-type TakeAround<'a> = &'a mut dyn FnMut(usize, &[(u32, u32, i32)]);
+type TakeAround<'a> = &'a mut dyn FnMut(usize, &[(u64, u32, i32)]);
 
 /// The direction of the rays that decide, an arbitrary one of length 1.
 const DIR: Vec3 = Vec3::new(0.36, 0.48, 0.8);
@@ -101,8 +101,8 @@ impl SceneState {
     }
 
     /// Adds the closed parts that hold the origin of a ray with these crossings: instance, part and winding number.
-    fn closed_around(&self, met: &[Met], all: &mut Vec<(u32, u32, i32)>) {
-        let mut each: Vec<(u32, u32, Side)> = met.iter().map(|met| self.part_of(met)).collect();
+    fn closed_around(&self, met: &[Met], all: &mut Vec<(u64, u32, i32)>) {
+        let mut each: Vec<(u64, u32, Side)> = met.iter().map(|met| self.part_of(met)).collect();
         each.sort_unstable();
         for of_part in each.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)) {
             let (instance, part, _) = of_part[0];
@@ -121,12 +121,12 @@ impl SceneState {
         }
     }
 
-    fn part_of(&self, met: &Met) -> (u32, u32, Side) {
+    fn part_of(&self, met: &Met) -> (u64, u32, Side) {
         (self.ids_of(met.placed).instance, met.part, met.crossing.side)
     }
 
     /// Adds the visible parts around a point that are not closed.
-    fn open_around(&self, point: DVec3, entrances: &mut Entrances, all: &mut Vec<(u32, u32, i32)>) {
+    fn open_around(&self, point: DVec3, entrances: &mut Entrances, all: &mut Vec<(u64, u32, i32)>) {
         // A ray of length 0 enters the trees around its origin.
         let ray = Ray { t_max: 0.0, ..Ray::new(point, DIR) };
         entrances.begin(self, &ray);
@@ -149,7 +149,7 @@ impl SceneState {
         all.dedup();
     }
 
-    fn part_at(&self, instance: u32, part: u32, winding: i32) -> PartAt {
+    fn part_at(&self, instance: u64, part: u32, winding: i32) -> PartAt {
         let id = self.model_of_instance(instance).parts().id(part as usize).unwrap_or(NONE);
         let holds = if winding == 0 { Holds::Undecided } else { Holds::Inside };
         PartAt { instance: self.instance_id(instance), part: id, winding, holds }

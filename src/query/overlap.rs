@@ -81,8 +81,8 @@ impl SceneState {
 
     fn overlap(&self, volume: &Volume) -> Result<Vec<PartOverlap>> {
         let near = |p: &Placed| self.state_of(p.instance).look.visible && volume.may_meet(&p.bounds);
-        let mut trees = (0..self.placement.len() as u32).filter(|&i| near(&self.placed(i)));
-        let mut met: BTreeMap<(u32, u32), bool> = BTreeMap::new();
+        let mut trees = self.placed_in(|b| volume.may_meet(b)).filter(|&i| near(&self.placed(i)));
+        let mut met: BTreeMap<(u64, u32), bool> = BTreeMap::new();
         while let Some(some) = next_trees(&mut trees) {
             let found = sweep(self, &some, Policy::Exact, &|view, visit, left, met: &mut BTreeMap<u32, bool>| {
                 meet(view, some[visit], volume, left, met);
@@ -96,8 +96,8 @@ impl SceneState {
         }
         self.refute_inside(volume, &mut met)?;
         // A scene in this one may have a part in several places: the first stands for all.
-        let mut first: HashMap<(usize, Option<usize>, u32), (u32, u32)> = HashMap::new();
-        let mut named: BTreeMap<(u32, u32), bool> = BTreeMap::new();
+        let mut first: HashMap<(usize, Option<usize>, u32), (u64, u32)> = HashMap::new();
+        let mut named: BTreeMap<(u64, u32), bool> = BTreeMap::new();
         for (&(instance, part), &inside) in &met {
             let key = match self.scene_of(instance) {
                 None => (instance, part),
@@ -108,7 +108,7 @@ impl SceneState {
             };
             *named.entry(key).or_insert(true) &= inside;
         }
-        let answer = |(&(instance, part), &inside): (&(u32, u32), &bool)| {
+        let answer = |(&(instance, part), &inside): (&(u64, u32), &bool)| {
             let how = if inside { How::Inside } else { How::Intersects };
             let part = self.model_of_instance(instance).parts().id(part as usize)?;
             Some(PartOverlap { instance: self.instance_id(instance), part, how })
@@ -119,8 +119,8 @@ impl SceneState {
     /// Corrects parts that were found inside. The first sweep skips boxes that are wholly outside, so a part with all
     /// visited triangles inside may have others outside. This sweep searches for those, unless the part's bounds settle
     /// the question.
-    fn refute_inside(&self, volume: &Volume, met: &mut BTreeMap<(u32, u32), bool>) -> Result<()> {
-        let mut doubtful: BTreeMap<u32, (BTreeSet<u32>, DBounds)> = BTreeMap::new();
+    fn refute_inside(&self, volume: &Volume, met: &mut BTreeMap<(u64, u32), bool>) -> Result<()> {
+        let mut doubtful: BTreeMap<u64, (BTreeSet<u32>, DBounds)> = BTreeMap::new();
         for (&(instance, part), _) in met.iter().filter(|(_, inside)| **inside) {
             let Some(info) = self.model_of_instance(instance).parts().get(part as usize) else { continue };
             let size = info.bounds.extent().max_element() * 1e-6;
@@ -133,7 +133,8 @@ impl SceneState {
             }
         }
         let concerned = |p: &Placed| doubtful.get(&p.instance).is_some_and(|d| d.1.overlaps(&p.bounds));
-        let mut trees = (0..self.placement.len() as u32).filter(|&i| concerned(&self.placed(i)));
+        let around = doubtful.values().fold(DBounds::EMPTY, |all, d| all.union(d.1));
+        let mut trees = self.placed_in(|b| around.overlaps(b)).filter(|&i| concerned(&self.placed(i)));
         while let Some(some) = next_trees(&mut trees) {
             let found = sweep(self, &some, Policy::Exact, &|view, visit, left, refuted: &mut BTreeSet<u32>| {
                 let (parts, bounds) = &doubtful[&self.ids_of(some[visit]).instance];
@@ -154,13 +155,13 @@ impl SceneState {
 const TREES: usize = 1 << 14;
 
 /// Takes the trees of the next sweep; `None` if there are no more.
-fn next_trees(trees: &mut impl Iterator<Item = u32>) -> Option<Vec<u32>> {
-    let some: Vec<u32> = trees.take(TREES).collect();
+fn next_trees(trees: &mut impl Iterator<Item = u64>) -> Option<Vec<u64>> {
+    let some: Vec<u64> = trees.take(TREES).collect();
     (!some.is_empty()).then_some(some)
 }
 
 /// Finds the parts of a placed tree that intersect the volume, and if all visited triangles of each are inside.
-fn meet(view: &SceneView, tree: u32, volume: &Volume, left: &mut Descent, met: &mut BTreeMap<u32, bool>) {
+fn meet(view: &SceneView, tree: u64, volume: &Volume, left: &mut Descent, met: &mut BTreeMap<u32, bool>) {
     let placed = view.scene.placed(tree);
     let looks = &view.scene.state_of(placed.instance).parts.looks;
     left.go_on(&view.tree(tree), &mut |b| volume.may_meet(&placed.world_bounds(b)), &mut |_, triangle| {
@@ -189,7 +190,7 @@ fn meet(view: &SceneView, tree: u32, volume: &Volume, left: &mut Descent, met: &
 /// Finds those of `parts` that have a triangle in the placed tree outside or across the volume's border.
 fn outside(
     view: &SceneView,
-    tree: u32,
+    tree: u64,
     volume: &Volume,
     (parts, bounds): (&BTreeSet<u32>, &DBounds),
     left: &mut Descent,

@@ -1,6 +1,7 @@
 //! Sets of parts.
 
 use crate::base::error::{Error, Result};
+use crate::base::memory::room;
 use crate::lod::summary_bit;
 use crate::scene::SceneState;
 
@@ -43,6 +44,9 @@ impl PartSet {
 /// The members of a [`PartSet`] among the instances and parts of a scene, by their indices.
 pub(in crate::query) struct Members(Vec<Of>);
 
+/// Number of instances, and of placed trees, that a scene must not reach. Searches among parts number them in 32 bits.
+const MOST: usize = 1 << 31;
+
 /// The members among the parts of an instance.
 enum Of {
     None,
@@ -54,8 +58,13 @@ enum Of {
 impl Members {
     /// The visible members of `set`. Fails with `BadArgument` for an instance or part that the scene lacks.
     pub fn of(scene: &SceneState, set: &PartSet, name: &str) -> Result<Self> {
-        let mut all: Vec<Of> = (0..scene.instance_count()).map(|_| Of::None).collect();
-        let (ids, everywhere) = (scene.instance_ids(), 0..all.len() as u32);
+        let count = scene.instance_count();
+        if count.max(scene.placement.len() as usize) >= MOST {
+            return Err(Error::BadArgument(format!("{name}: sets of parts need a scene of fewer than 2^31 instances")));
+        }
+        let mut all = room(count, "a set of parts")?;
+        all.extend((0..count).map(|_| Of::None));
+        let (ids, everywhere) = (scene.instance_ids(), 0..count as u64);
         for entry in &set.entries {
             let mut is_known = false;
             let instances = match *entry {
@@ -95,7 +104,7 @@ impl Members {
 
     /// True if a part of an instance is a member.
     #[inline]
-    pub fn has(&self, instance: u32, part: u32) -> bool {
+    pub fn has(&self, instance: u64, part: u32) -> bool {
         match &self.0[instance as usize] {
             Of::None => false,
             Of::All => true,
@@ -104,12 +113,12 @@ impl Members {
     }
 
     /// True if all parts of an instance are members.
-    pub fn has_all(&self, instance: u32) -> bool {
+    pub fn has_all(&self, instance: u64) -> bool {
         matches!(self.0[instance as usize], Of::All)
     }
 
     /// True if one of `count` parts of an instance, from `first` on, is a member.
-    pub fn has_any(&self, instance: u32, first: u32, count: u32) -> bool {
+    pub fn has_any(&self, instance: u64, first: u32, count: u32) -> bool {
         match &self.0[instance as usize] {
             Of::None => false,
             Of::All => count > 0,
@@ -121,7 +130,7 @@ impl Members {
 impl Members {
     /// The bits (`lod::summary_bit`) of the members among `count` parts of an instance from `first` on, as parts of
     /// their tree.
-    pub fn bits(&self, instance: u32, first: u32, count: u32) -> u32 {
+    pub fn bits(&self, instance: u64, first: u32, count: u32) -> u32 {
         match &self.0[instance as usize] {
             Of::None => 0,
             Of::All => u32::MAX,

@@ -23,7 +23,7 @@ pub(super) type Search<'a, T> = &'a (dyn Fn(&SceneView, usize, &mut Descent, &mu
 /// visit waits for blocks: each ends after its first search.
 pub(super) fn sweep<T: Send + Default>(
     scene: &SceneState,
-    trees: &[u32],
+    trees: &[u64],
     policy: Policy,
     search: Search<T>,
 ) -> Result<Vec<T>> {
@@ -38,7 +38,7 @@ pub(super) fn sweep<T: Send + Default>(
 /// The quest of a sweep: its items are placed trees, its pieces are visits to them.
 struct Sweep<'a, T> {
     scene: &'a SceneState,
-    trees: &'a [u32],
+    trees: &'a [u64],
     policy: Policy,
     search: Search<'a, T>,
     stamp: u32,

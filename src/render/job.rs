@@ -21,6 +21,7 @@ use super::tile::{TilePixels, tiles_from_the_middle};
 use super::wants::Wants;
 use crate::base::error::{Error, Result};
 use crate::base::tasks::{Ending, Job, Work};
+use crate::math::DBounds;
 use crate::math::srgb::Srgb;
 use crate::residency::{ForRequest, View, ViewState, Wanted};
 use crate::scene::LightKind;
@@ -476,7 +477,8 @@ fn is_fine(scene: &SceneState, rays: &PixelRays) -> bool {
         return false;
     }
     let is_too_far = |p: &Placed| p.is_far(eye) && rays.needs_rest((p.bounds.center() - eye).length());
-    scene.all_placed().any(|p| is_too_far(&p))
+    let may_be = |b: &DBounds| rays.needs_rest((b.max - eye).abs().max((b.min - eye).abs()).length());
+    scene.placed_in(may_be).any(|number| is_too_far(&scene.placed(number)))
 }
 
 impl Work for Request {

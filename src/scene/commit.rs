@@ -2,8 +2,9 @@
 
 use super::draft::{Draft, DraftArray, DraftScene, DraftState};
 use super::edit::Scene;
+use super::frame::bounds_of_scene;
 use super::looks::PartsShown;
-use super::measures::{Measures, check_transform};
+use super::measures::Measures;
 use super::model::Model;
 use super::placed::Placed;
 use super::placement::{PlacedArray, PlacedIds, PlacedScene, Placement, Prototype, hit_bounds};
@@ -14,10 +15,14 @@ use crate::base::memory::room;
 use crate::math::DBounds;
 use crate::residency::{UNCOUNTED, counted};
 use glam::DMat3;
-use std::sync::Arc;
+use std::collections::HashSet;
+use std::sync::{Arc, OnceLock};
 
 /// Greatest number of levels of scenes in scenes: functions that follow them call themselves.
 const MOST_LEVELS: u32 = 64;
+
+/// Number of placed trees and of instances that a scene must not reach, with all in it.
+const MOST_OCCURRENCES: u64 = 1 << 63;
 
 /// Bytes of the entries of a scene in the maps of the draft, which may be half empty.
 const INDEX: usize = 64;
@@ -38,7 +43,7 @@ impl Scene {
         let of_singles = draft.instances.len() * (size_of::<Instance>() + size_of::<InstanceState>());
         let of_scenes = draft.scenes.len() * (size_of::<DraftScene>() + size_of::<PlacedScene>() + INDEX);
         let under = draft.scenes.values().zip(&scenes).filter(|(it, _)| !it.state.is_plain());
-        let of_states: u64 = under.map(|(_, scene)| scene.states.bytes()).sum();
+        let of_states: u64 = under.map(|(_, scene)| scene.states.bytes(&mut HashSet::new())).sum();
         let bytes = (of_singles + of_scenes) as u64 + of_states;
         let refitted = if draft.moved { None } else { self.refitted(draft)? };
         draft.moved |= !draft.shifted.is_empty() && refitted.is_none();
@@ -98,9 +103,12 @@ impl Scene {
         };
         let with_states = placement.scenes.iter().zip(draft.scenes.values());
         states.scenes = with_states.map(|(it, draft)| of_scene(it, &draft.state)).collect();
+        let has = |of_look: bool, of_inner: fn(&SceneState) -> bool| of_look || scenes.iter().any(|it| of_inner(it));
+        let looks = draft.scenes.values().map(|it| it.state.look);
         let see_through = models.iter().any(Model::see_through)
-            || states.all().any(|it| it.look.see_through() || it.parts.looks.see_through());
-        let hides_parts = states.all().any(|it| !it.parts.trees.is_empty());
+            || states.own().any(|it| it.look.see_through() || it.parts.looks.see_through())
+            || has(looks.into_iter().any(|look| look.see_through()), |it| it.see_through);
+        let hides_parts = has(states.own().any(|it| !it.parts.trees.is_empty()), |it| it.hides_parts);
         Ok(SceneState {
             see_through,
             levels,
@@ -122,14 +130,15 @@ impl Scene {
 struct Placing {
     /// Number of the trees of single instances.
     singles: usize,
-    /// Number of all trees.
-    count: usize,
+    /// Number of these and of the trees of arrays, and number of those in scenes.
+    own: usize,
+    inner: u64,
     /// Bytes of memory while the trees are placed.
     bytes: u64,
 }
 
 impl Placing {
-    /// Bytes for each placed tree while the tree over all is built.
+    /// Bytes for each member while the tree over all is built.
     const BUILD: usize = size_of::<(u32, DBounds)>() + TopTree::BYTES_EACH;
 
     /// Counts the trees.
@@ -150,19 +159,22 @@ impl Placing {
             count += trees;
         }
         let of_arrays = draft.arrays.iter().map(|it| it.array.len() as usize);
-        let of_scenes = scenes.iter().map(|it| it.instance_count());
-        let instances: usize = of_arrays.chain(of_scenes).fold(draft.instances.len(), usize::saturating_add);
+        let instances = of_arrays.fold(draft.instances.len(), usize::saturating_add);
+        let (mut inner, mut inner_instances) = (0u64, 0u64);
         for it in scenes {
-            count = count.saturating_add(it.placement.len());
-            bytes += it.placement.len() * size_of::<Measures>() + it.models.len() * size_of::<u32>();
+            inner = inner.saturating_add(it.placement.len());
+            inner_instances = inner_instances.saturating_add(it.placement.instance_count());
+            bytes += it.models.len() * size_of::<u32>();
         }
-        if count >= 1 << 31 {
-            return Err(Error::bad_argument("a scene must have fewer than 2^31 placed trees"));
+        let refuse = |what: &str| Err(Error::bad_argument(format!("a scene must have fewer than {what}")));
+        if count.saturating_add(scenes.len()) >= 1 << 31 || instances >= 1 << 31 {
+            return refuse("2^31 instances, placed trees and scenes of its own");
         }
-        if instances >= 1 << 31 {
-            return Err(Error::bad_argument("a scene must have fewer than 2^31 instances"));
+        if inner.max(inner_instances) >= MOST_OCCURRENCES - (1 << 31) {
+            return refuse("2^63 placed trees, those of scenes in it included");
         }
-        Ok(Self { singles, count, bytes: (bytes + count * Self::BUILD) as u64 })
+        let members = count + scenes.len();
+        Ok(Self { singles, own: count, inner, bytes: (bytes + members * Self::BUILD) as u64 })
     }
 
     /// Places the trees, and builds the top tree over them.
@@ -177,7 +189,7 @@ impl Placing {
     ) -> Result<Placement> {
         let what = "the placed trees of a scene";
         let mut memory = scene.context().residency().keep(what, self.bytes)?;
-        let mut hits: Vec<(u32, DBounds)> = room(self.count, what)?;
+        let mut hits: Vec<(u32, DBounds)> = room(self.own + scenes.len(), what)?;
         let (mut singles, mut firsts) = (room(self.singles, what)?, room(instances.len(), what)?);
         let (mut around, mut position_error) = (DBounds::EMPTY, 0.0f64);
         // Bytes of measures that are not stored.
@@ -190,7 +202,7 @@ impl Placing {
         for (i, (draftee, instance)) in draft.draftees().zip(instances).enumerate() {
             firsts.push(singles.len() as u32);
             for (tree, first_part, model_from_mesh) in draftee.model.placements() {
-                let ids = PlacedIds { model: instance.model, tree, instance: i as u32, first_part };
+                let ids = PlacedIds { model: instance.model, tree, instance: i as u64, first_part };
                 let stored = &draftee.model.trees()[tree as usize];
                 let placed = Placed::new(stored, ids, &(draftee.world_from_model * model_from_mesh));
                 add(&placed, &mut hits);
@@ -198,10 +210,11 @@ impl Placing {
             }
         }
         let (singles, firsts) = (Arc::new(singles), Arc::new(firsts));
-        let mut placement = Placement { count: self.count as u32, singles, firsts, ..Placement::default() };
-        let mut placed_scenes = Vec::new();
+        let (own, count) = (self.own as u32, self.own as u64 + self.inner);
+        let mut placement = Placement { own, count, singles, firsts, ..Placement::default() };
+        let mut placed_scenes = room(scenes.len(), what)?;
         for (it, of) in draft.arrays.iter().zip(of.arrays) {
-            let first_instance = placement.instance_count() as u32;
+            let first_instance = placement.own_instances() as u32;
             let (array, count) = placed_array(it, &of, [hits.len() as u32, first_instance])?;
             for number in array.first..array.first + count {
                 add(&array.placed(number, models), &mut hits);
@@ -209,27 +222,28 @@ impl Placing {
             left += (count as usize - array.measures.len()) * size_of::<Measures>();
             placement.arrays.push(array);
         }
-        let mut first_of_scene = placement.instance_count() as u32;
+        let (mut first, mut first_instance) = (u64::from(own), placement.own_instances());
         for ((it, inner), models) in draft.scenes.values().zip(scenes).zip(of.scenes) {
-            let (first, first_instance) = (hits.len() as u32, first_of_scene);
             let (id, world_from_scene, scene) = (it.id, it.world_from_scene, Arc::clone(inner));
-            let count = inner.placement.len();
-            let maps = || inner.all_placed().map(|placed| world_from_scene * placed.world_from_mesh());
-            if maps().any(|map| check_transform(&map).is_err()) {
-                let why = format!("scene {id}: all transforms down to an instance are singular");
+            hits.push((hits.len() as u32, bounds_of_scene(inner, &world_from_scene)));
+            let stretch = Measures::of(&world_from_scene.matrix3).stretch;
+            position_error = position_error.max(stretch * inner.placement.position_error);
+            let placed = PlacedScene { id, first, first_instance, scene, world_from_scene, models };
+            if !placed.factors().are_sound() {
+                let why = format!("scene {id}: all transforms down to an instance are singular, or nearly so");
                 return Err(Error::bad_argument(why));
             }
-            let measures = all_measures(count, || maps().map(|map| map.matrix3))?;
-            left += (count - measures.len()) * size_of::<Measures>();
-            let placed = PlacedScene { id, first, first_instance, scene, world_from_scene, models, measures };
-            (first..first + count as u32).for_each(|number| add(&placed.placed(number), &mut hits));
-            first_of_scene += inner.instance_count() as u32;
+            first += inner.placement.len();
+            first_instance += inner.placement.instance_count();
             placed_scenes.push(placed);
         }
+        let are_all = placed_scenes.is_empty();
         placement.scenes = Arc::new(placed_scenes);
         placement.top = TopTree::build(hits)?;
-        memory.shrink_to(self.bytes - (self.count * Self::BUILD + left) as u64 + placement.top.bytes());
-        (placement.bounds, placement.position_error) = (around.into(), position_error);
+        let members = self.own + scenes.len();
+        memory.shrink_to(self.bytes - (members * Self::BUILD + left) as u64 + placement.top.bytes());
+        placement.bounds = if are_all { around.into() } else { OnceLock::new() };
+        placement.position_error = position_error;
         placement.memory = Arc::new(memory);
         Ok(placement)
     }

@@ -6,8 +6,9 @@
 
 use super::camera::{Camera, axes};
 use super::edit::{Scope, choose};
+use super::frame::Search;
 use super::model::Model;
-use super::state::SceneState;
+use super::state::{ROUGH, SceneState};
 use crate::base::error::{Error, Result};
 use crate::base::units::UpAxis;
 use crate::math::DBounds;
@@ -129,66 +130,119 @@ pub const MARGIN: f64 = 0.05;
 /// squares of such lengths are lost.
 const LEAST_SIZE: f64 = 1e-18;
 
+/// What is chosen: an instance, or a scene in the scene, by its index.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+enum Of {
+    Instance(u64),
+    Scene(usize),
+}
+
+/// Returns the chosen parts of an instance; `None` stands for all.
+type ChosenOf<'a> = &'a dyn Fn(u64) -> Result<Option<Vec<u32>>>;
+
+/// The indices of the parts that `ids` choose, among those that the model has.
+fn choose_known(model: &Model, ids: &[u64], scope: Scope) -> Result<Vec<u32>> {
+    let known: Vec<u64> = ids.iter().copied().filter(|id| model.part_index(*id).is_some()).collect();
+    choose(model, &known, scope)
+}
+
 /// Least distance from the eye to the content, as a fraction of the content's size.
 const LEAST_AHEAD: f64 = 1e-3;
 
 impl SceneState {
     /// Returns the camera that shows the visible parts as large as the picture allows: their boxes touch the margin on
     /// two opposite sides, and lie within it on the others. `chosen`: show only these; all if empty. The boxes of parts
-    /// are those of the model, placed with the instance: turned with it, not aligned to the axes again.
+    /// are those of the model, placed with the instance: turned with it, not aligned to the axes again. Where scenes are
+    /// in this one, the picture may leave up to a thousandth of its size more room on each side.
     ///
     /// Fails with `BadArgument` for a setting out of range or an unknown instance or part, and with `BadState` if no
     /// chosen part is visible and has triangles.
     pub fn fit(&self, fit: &Fit, chosen: &[Chosen], scope: Scope) -> Result<Camera> {
         let frame = Frame::of(fit)?;
         let mut supports = Supports::new(&frame, self.bounds().center());
+        // Of boxes that stand for all in them: they let no others reach farther.
+        let mut rough = Supports::new(&frame, self.bounds().center());
         if chosen.is_empty() {
-            (0..self.instance_count() as u32).for_each(|instance| self.support(instance, None, &mut supports));
+            (0..self.placement.own_instances()).for_each(|instance| self.support(instance, None, &mut supports));
+            for scene in 0..self.placement.scenes.len() {
+                self.support_scene(scene, None, [&mut supports, &mut rough])?;
+            }
         } else {
-            for (instance, parts) in self.chosen(chosen, scope)? {
-                self.support(instance, parts.as_deref(), &mut supports);
+            for (of, parts) in self.chosen(chosen)? {
+                let chosen = |instance: u64| {
+                    let of_model = |parts: &Vec<u64>| choose_known(self.model_of_instance(instance), parts, scope);
+                    parts.as_ref().map(of_model).transpose()
+                };
+                match of {
+                    Of::Instance(instance) => self.support(instance, chosen(instance)?.as_deref(), &mut supports),
+                    Of::Scene(scene) => self.support_scene(scene, Some(&chosen), [&mut supports, &mut rough])?,
+                }
             }
         }
         if supports.is_empty() {
             let what = if chosen.is_empty() { "the scene" } else { "the choice" };
             return Err(Error::BadState(format!("fit: {what} has no visible part with triangles")));
         }
+        supports.join(&rough);
         Ok(supports.camera(fit, &frame))
     }
 
-    /// Returns the chosen parts by the index of their instance; `None` stands for all parts.
-    fn chosen(&self, chosen: &[Chosen], scope: Scope) -> Result<Vec<(u32, Option<Vec<u32>>)>> {
-        let mut by_instance: HashMap<u32, Option<Vec<u64>>> = HashMap::new();
+    /// Returns the ids of the chosen parts by their instance or scene; `None` stands for all parts.
+    fn chosen(&self, chosen: &[Chosen]) -> Result<HashMap<Of, Option<Vec<u64>>>> {
+        let mut all: HashMap<Of, Option<Vec<u64>>> = HashMap::new();
         let ids = self.instance_ids();
         for one in chosen {
             let instances = ids.with(one.instance);
             if instances.is_empty() {
                 return Err(Error::bad_argument(format!("fit: instance {} does not exist", one.instance)));
             }
-            let has_it = |&instance: &u32| {
-                one.part.is_none_or(|part| self.model_of_instance(instance).part_index(part).is_some())
+            let of = self.scene_of(instances.start).map_or(Of::Instance(instances.start), Of::Scene);
+            let has = |part: u64| match of {
+                Of::Instance(instance) => self.model_of_instance(instance).part_index(part).is_some(),
+                Of::Scene(scene) => {
+                    let mut models = self.placement.scenes[scene].scene.models.iter();
+                    models.any(|model| model.part_index(part).is_some())
+                }
             };
-            let mut with_it = instances.filter(has_it).peekable();
-            if let (None, Some(part)) = (with_it.peek(), one.part) {
+            if let Some(part) = one.part.filter(|part| !has(*part)) {
                 return Err(Error::bad_argument(format!("fit: the model has no part {part}")));
             }
-            for instance in with_it {
-                let parts = by_instance.entry(instance).or_insert(Some(Vec::new()));
-                match one.part {
-                    None => *parts = None,
-                    Some(part) => parts.iter_mut().for_each(|parts| parts.push(part)),
-                }
+            let parts = all.entry(of).or_insert(Some(Vec::new()));
+            match one.part {
+                None => *parts = None,
+                Some(part) => parts.iter_mut().for_each(|parts| parts.push(part)),
             }
         }
-        let indices = |(instance, ids): (u32, Option<Vec<u64>>)| {
-            let model = self.model_of_instance(instance);
-            Ok((instance, ids.map(|ids| choose(model, &ids, scope)).transpose()?))
-        };
-        by_instance.into_iter().map(indices).collect()
+        Ok(all)
+    }
+
+    /// Adds the visible ones of the parts in a scene in this one, or of those that `chosen` returns for an instance.
+    fn support_scene(
+        &self,
+        scene: usize,
+        chosen: Option<ChosenOf>,
+        [supports, rough]: [&mut Supports; 2],
+    ) -> Result<()> {
+        let mut search = Search::in_scene(self, scene);
+        let world = supports.placed(&DAffine3::IDENTITY);
+        while let Some(number) = search.next(self, |b| {
+            // A box that reaches but a little beyond the rest stands for all in it: otherwise all at the bounds would be
+            // visited.
+            let is_far = supports.reaches(&world, b, ROUGH);
+            if !is_far {
+                rough.add(&world, b);
+            }
+            is_far
+        }) {
+            let instance = self.ids_of(number).instance;
+            let parts = chosen.map_or(Ok(None), |chosen| chosen(instance))?;
+            self.support(instance, parts.as_deref(), supports);
+        }
+        Ok(())
     }
 
     /// Adds the visible ones of an instance's parts, or of some.
-    fn support(&self, instance: u32, parts: Option<&[u32]>, supports: &mut Supports) {
+    fn support(&self, instance: u64, parts: Option<&[u32]>, supports: &mut Supports) {
         let state = self.state_of(instance);
         if !state.look.visible {
             return;
@@ -307,6 +361,16 @@ impl Supports {
     /// True if a box is not within the supports.
     fn grows(&self, placed: &PlacedSupports, bounds: &DBounds) -> bool {
         !bounds.is_empty() && Self::of(placed, bounds).iter().zip(&self.most).any(|(new, most)| new > most)
+    }
+
+    fn join(&mut self, other: &Self) {
+        self.most.iter_mut().zip(&other.most).for_each(|(most, new)| *most = most.max(*new));
+    }
+
+    /// True if a box is beyond the supports by more than a fraction of their greatest width.
+    fn reaches(&self, placed: &PlacedSupports, bounds: &DBounds, fraction: f64) -> bool {
+        let width = [4, 6, 8].iter().map(|&axis| self.most[axis] + self.most[axis + 1]).fold(0.0, f64::max);
+        Self::of(placed, bounds).iter().zip(&self.most).any(|(new, most)| *new > most + width * fraction)
     }
 
     fn add(&mut self, placed: &PlacedSupports, bounds: &DBounds) {

@@ -4,10 +4,10 @@
 
 use super::alike::Alike;
 use super::beam::Beam;
+use super::frame::Target;
 use super::packet::ScenePacket;
 use super::placed::Placed;
 use super::ray_rows::RayRows;
-use super::top::{NodeRef, Target};
 use super::walk::{FirstCell, Found, NOTHING, Need, SceneView, Step};
 use crate::math::{DBounds, PACKET, Ray, bits, first_rays};
 use crate::structure::{LocalRay, LocalRays, Outcome, PacketWalk, PartFilter, Rooted, Tree};
@@ -25,7 +25,7 @@ pub(crate) struct Group {
     /// A second walk, for rays that cannot go in the same packet.
     others: Box<PacketWalk>,
     /// The placed tree that `walk` was in, if the rays enter no other.
-    only: Option<u32>,
+    only: Option<u64>,
     /// Shift and scale of each ray in that tree, if any ray was moved.
     moved: [(f64, f64); PACKET],
     is_moved: bool,
@@ -53,7 +53,7 @@ impl Default for Group {
 /// A placed tree that rays of a beam may enter.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Entered {
-    pub placed: u32,
+    pub placed: u64,
     /// Bounds of all that rays may hit in it.
     pub bounds: DBounds,
 }
@@ -67,14 +67,14 @@ impl SceneView<'_> {
     /// Returns false if the list is incomplete: there are more than [`FEW`], or the top tree is too deep for the stack.
     pub fn entered(&self, beam: &Beam, t_max: f64, out: &mut Vec<Entered>) -> bool {
         out.clear();
-        let top = &self.scene.placement.top;
-        let Some(root) = top.root().filter(|_| beam.enter(top.around(), t_max).is_some()) else { return true };
-        let mut todo = [(root, *top.around()); MOST_OPEN];
+        let around = *self.scene.placement.top.around();
+        let Some(root) = self.scene.root().filter(|_| beam.enter(&around, t_max).is_some()) else { return true };
+        let mut todo = [(root, around); MOST_OPEN];
         let mut count = 1;
         while count > 0 {
             count -= 1;
             let (node, bounds) = todo[count];
-            match node.target() {
+            match node {
                 Target::Placed(placed) if self.seen_by(placed) & beam.mask == 0 => {}
                 Target::Placed(placed) => {
                     if out.len() == FEW {
@@ -82,11 +82,11 @@ impl SceneView<'_> {
                     }
                     out.push(Entered { placed, bounds });
                 }
-                Target::Inner(index) => {
+                Target::Inner(node) => {
                     if count + MOST_CHILDREN > MOST_OPEN {
                         return false;
                     }
-                    top.children(index, |child, bounds| {
+                    self.scene.children(node, |child, bounds| {
                         if beam.enter(&bounds, t_max).is_some() {
                             todo[count] = (child, bounds);
                             count += 1;
@@ -125,7 +125,7 @@ impl Group {
     ) -> Option<Result<u32, Need>> {
         debug_assert!(view.within.is_none(), "a double-precision interval belongs to a single ray");
         // The lengths of the rays are ignored: most have no end.
-        let root = view.scene.placement.top.root().map(NodeRef::target);
+        let root = view.scene.root();
         if let (Some(Target::Placed(placed)), false) = (root, alike.is_one_start()) {
             // The tree finds out as fast as a beam of many origins whether any ray meets it.
             return self.trace_in::<ANY>(view, placed, (rays, count), alike, says);
@@ -176,7 +176,7 @@ impl Group {
     }
 
     /// True if the rays are coherent in the first of the trees that they enter.
-    fn are_near(&mut self, view: &SceneView, placed: u32, rays: (&[Ray; PACKET], usize), alike: &Alike) -> bool {
+    fn are_near(&mut self, view: &SceneView, placed: u64, rays: (&[Ray; PACKET], usize), alike: &Alike) -> bool {
         if are_apart(&view.scene.placed(placed), &rays.0[..rays.1], alike) {
             return false;
         }
@@ -190,7 +190,7 @@ impl Group {
     fn begin_in(
         &mut self,
         view: &SceneView,
-        placed: u32,
+        placed: u64,
         tree: &Tree,
         (rays, count): (&[Ray; PACKET], usize),
         alike: &Alike,
@@ -225,7 +225,7 @@ impl Group {
     fn trace_in<const ANY: bool>(
         &mut self,
         view: &SceneView,
-        placed: u32,
+        placed: u64,
         rays: (&[Ray; PACKET], usize),
         alike: &Alike,
         says: bool,
@@ -261,7 +261,7 @@ impl Group {
     /// The placed tree that all rays went through in [`Group::walk`]; an index of none if all missed the scene's trees;
     /// `None` if the rays went through several trees.
     #[inline]
-    pub fn only(&self) -> Option<u32> {
+    pub fn only(&self) -> Option<u64> {
         self.only
     }
 
@@ -310,7 +310,7 @@ impl Group {
     }
 
     /// Takes over a walk of camera rays through a placed tree, in exchange for another.
-    pub fn take(&mut self, placed: u32, walk: &mut Box<PacketWalk>) {
+    pub fn take(&mut self, placed: u64, walk: &mut Box<PacketWalk>) {
         std::mem::swap(&mut self.walk, walk);
         (self.only, self.is_moved) = (Some(placed), false);
     }
@@ -363,7 +363,7 @@ impl Group {
 
     /// Where ray `i` first entered a stand-in of the [only](Self::only) tree, which is `placed`.
     #[inline]
-    pub fn first_cell(&self, i: usize, placed: u32) -> FirstCell {
+    pub fn first_cell(&self, i: usize, placed: u64) -> FirstCell {
         FirstCell { t: self.in_world(i, self.walk.first_cell()[i]), placed }
     }
 
@@ -386,7 +386,7 @@ pub(crate) struct CameraRays<'a> {
 
 /// A placed tree that is visible to a camera's rays and in which they have the same distances as in the world.
 pub(crate) struct CameraTree<'a> {
-    pub number: u32,
+    pub number: u64,
     placed: Cow<'a, Placed>,
     pub tree: Tree<'a>,
     pub filter: Option<PartFilter<'a>>,
@@ -394,7 +394,7 @@ pub(crate) struct CameraTree<'a> {
 
 impl<'a> CameraTree<'a> {
     /// The placed tree `number`.
-    pub fn of(view: &SceneView<'a>, number: u32) -> Self {
+    pub fn of(view: &SceneView<'a>, number: u64) -> Self {
         let placed = view.scene.placed(number);
         Self { number, placed, tree: view.tree(number), filter: view.filter(number) }
     }

@@ -96,6 +96,66 @@ impl Measures {
     }
 }
 
+/// The greatest ratio of singular values of a transform of scenes: rays go through their trees in frames of their own,
+/// and rounding on the way there must stay far below the size of what is in them.
+const MOST_SKEW_OF_SCENES: f64 = 1e8;
+
+/// Range of the factors by which all transforms down to a placed tree together may change lengths.
+const FACTORS: std::ops::RangeInclusive<f64> = 1e-100..=1e100;
+
+/// Bounds of the factors by which maps change lengths.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Factors {
+    least: f64,
+    greatest: f64,
+    /// Greatest ratio of the factors of one map.
+    skew: f64,
+    /// The same of the maps of scenes alone.
+    scenes: f64,
+}
+
+impl Factors {
+    /// Those of no map.
+    pub const NONE: Self = Self { least: f64::INFINITY, greatest: 0.0, skew: 1.0, scenes: 1.0 };
+
+    /// Those of a map that [`check_transform`] accepts.
+    pub fn of(linear: &DMat3) -> Self {
+        if let Some(Measures { stretch, .. }) = Measures::of_similarity(linear) {
+            return Self { least: stretch, greatest: stretch, skew: 1.0, scenes: 1.0 };
+        }
+        let (greatest, least) = (largest_singular_value(linear), 1.0 / largest_singular_value(&linear.inverse()));
+        Self { least, greatest, skew: greatest / least, scenes: 1.0 }
+    }
+
+    /// Those of either.
+    pub fn union(self, other: Self) -> Self {
+        Self {
+            least: self.least.min(other.least),
+            greatest: self.greatest.max(other.greatest),
+            skew: self.skew.max(other.skew),
+            scenes: self.scenes.max(other.scenes),
+        }
+    }
+
+    /// Those of the maps after which a scene's map is applied.
+    pub fn under(self, scene: &DMat3) -> Self {
+        let outer = Self::of(scene);
+        Self {
+            least: outer.least * self.least,
+            greatest: outer.greatest * self.greatest,
+            skew: outer.skew * self.skew,
+            scenes: outer.skew * self.scenes,
+        }
+    }
+
+    /// True if double precision suffices for all the maps.
+    pub fn are_sound(&self) -> bool {
+        let is_none = self.greatest == 0.0;
+        let are_in_range = FACTORS.contains(&self.least) && FACTORS.contains(&self.greatest);
+        is_none || are_in_range && self.skew <= MOST_SKEW && self.scenes <= MOST_SKEW_OF_SCENES
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

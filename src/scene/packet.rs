@@ -1,10 +1,11 @@
 //! A packet of rays in a scene of several trees. The packet goes down the top tree, and those of its rays that enter
-//! the box of a placed tree go into it as a packet. Like the walk of a single ray, a packet can stop at a missing block
+//! the box of a placed tree, or of a scene in this one, go into it as a packet. Like the walk of a single ray, a packet can stop at a missing block
 //! and continue later.
 
+use super::frame::{Fork, Frame};
 use super::placed::{At, Placed};
+use super::placement::Member;
 use super::ray_rows::RayRows;
-use super::top::{NodeRef, Target};
 use super::walk::{FirstCell, Found, NOTHING, SceneView, Step};
 use crate::math::{PACKET, Ray, bits};
 use crate::simd::Isa;
@@ -13,15 +14,13 @@ use glam::Vec3;
 
 /// The state of a packet's rays in a scene. Reusable.
 pub(crate) struct ScenePacket {
-    /// The packet in the top tree, and the placement of each ray there.
-    top: PacketWalk,
-    at_top: [At; PACKET],
-    /// The only placed tree, and the rays that are to enter it.
-    only: Option<(u32, u32)>,
-    /// True if rays are in the top tree.
-    is_in_top: bool,
+    /// The packet in top trees, at one for each level. The scene that it is in is the last of the first `depth`.
+    levels: Vec<Box<Level>>,
+    depth: usize,
+    /// A placed tree that nothing else is beside, and the rays that are to enter it.
+    only: Option<(u64, u32)>,
     /// The placed tree that the packet is in.
-    at: Option<u32>,
+    at: Option<u64>,
     /// The placement of each ray in that tree.
     moved: [At; PACKET],
     inside: u32,
@@ -37,13 +36,34 @@ pub(crate) struct ScenePacket {
     rest: Option<[Vec3; PACKET]>,
 }
 
+/// A packet in a top tree.
+struct Level {
+    walk: PacketWalk,
+    /// The placement of each ray there.
+    at: [At; PACKET],
+    /// The number of the first placed tree of the scene, and the number of scenes around it.
+    first: u64,
+    level: u32,
+}
+
+impl Level {
+    /// Takes over how far rays may still go, and which are done.
+    fn follow(&mut self, rays: u32, far: &[f64; PACKET], active: u32) {
+        for i in bits(rays) {
+            self.walk.shorten(i, self.at[i].in_tree(far[i]));
+            if active >> i & 1 == 0 {
+                self.walk.stop(i);
+            }
+        }
+    }
+}
+
 impl Default for ScenePacket {
     fn default() -> Self {
         Self {
-            top: PacketWalk::new(),
-            at_top: [At::NONE; PACKET],
+            levels: Vec::new(),
+            depth: 0,
             only: None,
-            is_in_top: false,
             at: None,
             moved: [At::NONE; PACKET],
             inside: 0,
@@ -73,28 +93,40 @@ impl ScenePacket {
     /// lost. It matters in trees that are far away.
     pub fn begin_fine(&mut self, view: &SceneView, rays: &[Ray; PACKET], rest: Option<&[Vec3; PACKET]>, active: u32) {
         self.rest = rest.copied();
-        (self.at, self.only, self.is_in_top, self.active) = (None, None, false, 0);
+        (self.at, self.only, self.depth, self.active) = (None, None, 0, 0);
         for (i, it) in rays.iter().enumerate() {
             self.rows.set(i, it);
             (self.best[i].t, self.best[i].placed, self.best[i].first_cell) = (it.t_max, NOTHING, FirstCell::NONE);
             self.far[i] = it.t_max;
             self.active |= (active >> i & u32::from(it.can_hit())) << i;
         }
-        match view.scene.placement.top.root().map(NodeRef::target) {
-            None => {}
-            Some(Target::Placed(placed)) => self.only = Some((placed, self.active)),
-            Some(Target::Inner(_)) => {
-                let Some((members, frame)) = view.scene.placement.top.walked() else { return };
-                let isa = view.scene.context().isa();
-                let inside = self.take_into(isa, rays, frame, NOTHING, self.active, true);
-                self.at_top = self.moved;
-                // No cell of this tree stands in.
-                self.local.cone = [[0.0; PACKET]; 2];
-                self.top.set_rows(&self.local);
-                self.top.start(&members.tree(isa), inside);
-                self.is_in_top = inside != 0;
-            }
+        self.enter(view, rays, Frame::outermost(view.scene), self.active);
+    }
+
+    /// Takes the rays of `among` into the tree of a scene, as far as they may meet something there.
+    fn enter(&mut self, view: &SceneView, rays: &[Ray; PACKET], frame: Frame, among: u32) {
+        let frame = match frame.first_fork() {
+            None => return,
+            Some(Fork::Placed(placed)) => return self.only = Some((placed, among)),
+            Some(Fork::Several(frame)) => frame,
+        };
+        let Some((members, boxes)) = frame.walked() else { return };
+        let isa = view.scene.context().isa();
+        let inside = self.take_into(isa, rays, &boxes, NOTHING, among, true);
+        if inside == 0 {
+            return;
         }
+        // No cell of this tree stands in.
+        self.local.cone = [[0.0; PACKET]; 2];
+        if self.levels.len() == self.depth {
+            let (walk, at) = (PacketWalk::new(), [At::NONE; PACKET]);
+            self.levels.push(Box::new(Level { walk, at, first: 0, level: 0 }));
+        }
+        let level = &mut self.levels[self.depth];
+        (level.at, level.first, level.level) = (self.moved, frame.first, frame.level);
+        level.walk.set_rows(&self.local);
+        level.walk.start(&members.tree(isa), inside);
+        self.depth += 1;
     }
 
     /// Takes the rays of `among` into the frame of a placed tree, up to where they may still go. Returns those that may
@@ -104,7 +136,7 @@ impl ScenePacket {
         isa: Isa,
         rays: &[Ray; PACKET],
         frame: &Placed,
-        placed: u32,
+        placed: u64,
         among: u32,
         beyond: bool,
     ) -> u32 {
@@ -157,32 +189,55 @@ impl SceneView<'_> {
                         walk.tree.first_cell()[i],
                     );
                     walk.far[i] = walk.best[i].reach(&rays[i]);
-                    walk.top.shorten(i, walk.at_top[i].in_tree(walk.far[i]));
                     if ANY && walk.best[i].is_hit() {
                         walk.active &= !(1 << i);
-                        walk.top.stop(i);
                     }
                 }
-            }
-            if let Some((placed, among)) = walk.only.take() {
-                self.enter_packet(rays, placed, among, walk);
-                continue;
-            }
-            let Some((members, _)) = self.scene.placement.top.walked().filter(|_| walk.is_in_top) else {
-                return Step::Done;
-            };
-            match members.tree(self.scene.context().isa()).closest_together(None, &mut walk.top) {
-                Outcome::Member(placed) => {
-                    let among = walk.top.at_member() & walk.active;
-                    self.enter_packet(rays, placed, among, walk);
+                if let Some(level) = walk.levels[..walk.depth].last_mut() {
+                    level.follow(walk.inside, &walk.far, walk.active);
                 }
-                // All blocks of this tree are in memory.
-                Outcome::Done | Outcome::Pending(_) => return Step::Done,
+            }
+            let entered = match walk.only.take() {
+                None => self.next_of_packet(rays, walk),
+                only => only,
+            };
+            match entered {
+                Some((placed, among)) => self.enter_packet(rays, placed, among, walk),
+                None => return Step::Done,
             }
         }
     }
 
-    fn enter_packet(&self, rays: &[Ray; PACKET], placed: u32, mask: u32, walk: &mut ScenePacket) {
+    /// The next placed tree that rays of a packet may enter, and these rays.
+    fn next_of_packet(&self, rays: &[Ray; PACKET], walk: &mut ScenePacket) -> Option<(u64, u32)> {
+        let isa = self.scene.context().isa();
+        loop {
+            let level = walk.levels[..walk.depth].last_mut()?;
+            let frame = Frame::with(self.scene, level.level, level.first);
+            let (members, _) = frame.scene.placement.top.walked()?;
+            match members.tree(isa).closest_together(None, &mut level.walk) {
+                Outcome::Member(member) => {
+                    let among = level.walk.at_member() & walk.active;
+                    match frame.scene.placement.member(member) {
+                        Member::Placed(number) => return Some((frame.first + u64::from(number), among)),
+                        Member::Scene(it) => walk.enter(self, rays, frame.inside(it), among),
+                    }
+                    if let Some(only) = walk.only.take() {
+                        return Some(only);
+                    }
+                }
+                // All blocks of this tree are in memory.
+                Outcome::Done | Outcome::Pending(_) => {
+                    walk.depth -= 1;
+                    if let Some(level) = walk.levels[..walk.depth].last_mut() {
+                        level.follow(level.walk.at_member(), &walk.far, walk.active);
+                    }
+                }
+            }
+        }
+    }
+
+    fn enter_packet(&self, rays: &[Ray; PACKET], placed: u64, mask: u32, walk: &mut ScenePacket) {
         let p = self.scene.placed(placed);
         let seen_by = self.seen_by(placed);
         let sees = bits(mask).filter(|&i| rays[i].mask & seen_by != 0).fold(0, |all, i| all | 1 << i);

@@ -66,15 +66,15 @@ const GIVE: f64 = 1.0 / 4096.0;
 /// The placement of a ray in a placed tree: t in the world is `shift + scale * t` in the tree.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct At {
-    /// Index of the placed tree.
-    pub placed: u32,
+    /// Number of the placed tree.
+    pub placed: u64,
     pub shift: f64,
     pub scale: f64,
 }
 
 impl At {
     /// The placement in no tree.
-    pub const NONE: Self = Self { placed: u32::MAX, shift: 0.0, scale: 1.0 };
+    pub const NONE: Self = Self { placed: u64::MAX, shift: 0.0, scale: 1.0 };
 
     /// Converts a distance in the world to one in the tree that is not below it.
     #[inline(always)]
@@ -158,6 +158,16 @@ impl Placed {
             position_error: 0.0,
             bounds: *bounds,
         }
+    }
+
+    /// The frame of the boxes of a scene which a map takes elsewhere.
+    pub fn inside(&self, map: &DAffine3) -> Self {
+        let linear = map.matrix3 * self.linear;
+        let Measures { stretch, loss } = Measures::of(&linear);
+        let offset = map.transform_point3(self.offset);
+        let (inverse, unturned) = (linear.inverse(), linear == DMat3::IDENTITY);
+        let bounds = self.bounds.transformed(map);
+        Self { linear, inverse, offset, mesh_origin: offset, unturned, stretch, loss, bounds, ..*self }
     }
 
     /// A bound below the least singular value of the map to the world: no distance grows by a smaller factor.

@@ -1,20 +1,24 @@
 //! The placement of all trees of a scene. Single instances have their placed trees stored. Those of arrays are made
-//! from the arrays' transforms when they are asked for, and those of scenes in it from the placed trees there.
+//! from the arrays' transforms when they are asked for, and those of scenes in it from the placements there: a scene
+//! takes the same memory in each place, however much is in it.
 
 use super::array::Array;
-use super::measures::Measures;
+use super::measures::{Factors, Measures};
 use super::model::Model;
 use super::placed::Placed;
 use super::state::SceneState;
 use super::top::TopTree;
 use crate::math::DBounds;
 use crate::residency::Kept;
-use glam::{DAffine3, DMat3};
+use glam::DAffine3;
 use std::sync::{Arc, OnceLock};
 
 /// The placed trees of a scene, by number: those of single instances in the order added, each with its trees in the
 /// model's own order; then those of arrays, member by member; then those of scenes in this one, in their
 /// own order. States that differ only in looks share it.
+///
+/// The members of the top tree are the placed trees of single instances and of arrays, by the same numbers, and then
+/// the scenes in this one.
 pub(crate) struct Placement {
     /// Those of single instances.
     pub(super) singles: Arc<Vec<Placed>>,
@@ -22,14 +26,18 @@ pub(crate) struct Placement {
     pub(super) firsts: Arc<Vec<u32>>,
     pub(super) arrays: Vec<PlacedArray>,
     pub(super) scenes: Arc<Vec<PlacedScene>>,
+    /// Number of the placed trees of single instances and of arrays.
+    pub(super) own: u32,
     /// Number of all placed trees.
-    pub(super) count: u32,
+    pub(super) count: u64,
     /// The top tree over the boxes of all that rays may hit.
     pub top: TopTree,
-    /// Bounds of all triangles, unless they must be computed anew since something has moved.
+    /// Bounds of all triangles, unless they are still to be computed.
     pub(super) bounds: OnceLock<DBounds>,
     /// Greatest distance of stored vertices from those of the input, in the world, or more.
     pub position_error: f64,
+    /// Of all maps to placed trees, once they are known.
+    pub(super) factors: OnceLock<Factors>,
     /// That of the last placement of all, which placements after moves share.
     pub(super) memory: Arc<Kept>,
     pub(super) _changed: Kept,
@@ -42,10 +50,12 @@ impl Default for Placement {
             firsts: Arc::default(),
             arrays: Vec::new(),
             scenes: Arc::default(),
+            own: 0,
             count: 0,
             top: TopTree::default(),
             bounds: OnceLock::new(),
             position_error: 0.0,
+            factors: OnceLock::new(),
             memory: Arc::default(),
             _changed: Kept::default(),
         }
@@ -67,46 +77,50 @@ pub(super) struct PlacedArray {
     pub measures: Arc<Vec<Measures>>,
 }
 
-/// The placed trees of a scene in another.
+/// A scene in another.
 pub(super) struct PlacedScene {
     /// The caller's id.
     pub id: u64,
     /// The number of its first placed tree.
-    pub first: u32,
+    pub first: u64,
     /// The number of its first instance.
-    pub first_instance: u32,
+    pub first_instance: u64,
     /// As it was at the commit.
     pub scene: Arc<SceneState>,
     pub world_from_scene: DAffine3,
     /// The index, in the outer scene, of each of its models.
     pub models: Vec<u32>,
-    /// Of each placed tree; empty if all maps change all lengths alike.
-    pub measures: Vec<Measures>,
-}
-
-/// The measures of placed tree `at` of an array or a scene.
-#[inline]
-fn measures(stored: &[Measures], at: u32, linear: &DMat3) -> Measures {
-    stored.get(at as usize).copied().unwrap_or_else(|| Measures::of(linear))
 }
 
 impl PlacedScene {
-    /// A placed tree.
-    pub fn placed(&self, number: u32) -> Placed {
-        let inner = self.scene.placed(number - self.first);
-        let stored = &self.scene.models[inner.model as usize].trees()[inner.tree as usize];
-        let world_from_mesh = self.world_from_scene * inner.world_from_mesh();
-        let measures = measures(&self.measures, number - self.first, &world_from_mesh.matrix3);
-        Placed::measured(stored, self.outer(**inner), &world_from_mesh, measures)
+    /// Those of all maps to placed trees in it, or wider.
+    pub fn factors(&self) -> Factors {
+        self.scene.placement.factors().under(&self.world_from_scene.matrix3)
     }
 
-    fn ids_of(&self, number: u32) -> PlacedIds {
-        self.outer(self.scene.ids_of(number - self.first))
-    }
-
+    /// The ids in the outer scene of a placed tree.
     fn outer(&self, inner: PlacedIds) -> PlacedIds {
         let (model, instance) = (self.models[inner.model as usize], self.first_instance + inner.instance);
         PlacedIds { model, instance, ..inner }
+    }
+}
+
+/// A placed tree before its frame is computed.
+#[derive(Clone, Copy)]
+pub(super) struct PlacedMesh {
+    pub ids: PlacedIds,
+    pub world_from_mesh: DAffine3,
+    /// Those of the map, if they are stored.
+    measures: Option<Measures>,
+}
+
+impl PlacedMesh {
+    /// The placed tree; `models`: those of the scene.
+    fn placed(self, models: &[Model]) -> Placed {
+        let Self { ids, world_from_mesh, measures } = self;
+        let stored = &models[ids.model as usize].trees()[ids.tree as usize];
+        let measures = measures.unwrap_or_else(|| Measures::of(&world_from_mesh.matrix3));
+        Placed::measured(stored, ids, &world_from_mesh, measures)
     }
 }
 
@@ -168,19 +182,23 @@ impl PlacedArray {
         let Of { member, nth } = self.of(number);
         let prototype = self.prototype(member);
         let (tree, first_part, _) = prototype.places[nth as usize];
-        PlacedIds { model: prototype.model, tree, instance: self.first_instance + member, first_part }
+        PlacedIds { model: prototype.model, tree, instance: u64::from(self.first_instance + member), first_part }
+    }
+
+    fn mesh(&self, number: u32) -> PlacedMesh {
+        let Of { member, nth } = self.of(number);
+        let prototype = self.prototype(member);
+        let (tree, first_part, model_from_mesh) = prototype.places[nth as usize];
+        let instance = u64::from(self.first_instance + member);
+        let ids = PlacedIds { model: prototype.model, tree, instance, first_part };
+        let world_from_mesh = self.array.transform(member) * model_from_mesh;
+        let measures = self.measures.get((number - self.first) as usize).copied();
+        PlacedMesh { ids, world_from_mesh, measures }
     }
 
     /// A placed tree; `models`: those of the scene.
     pub fn placed(&self, number: u32, models: &[Model]) -> Placed {
-        let Of { member, nth } = self.of(number);
-        let prototype = self.prototype(member);
-        let (tree, first_part, model_from_mesh) = prototype.places[nth as usize];
-        let ids = PlacedIds { model: prototype.model, tree, instance: self.first_instance + member, first_part };
-        let stored = &models[prototype.model as usize].trees()[tree as usize];
-        let world_from_mesh = self.array.transform(member) * model_from_mesh;
-        let measures = measures(&self.measures, number - self.first, &world_from_mesh.matrix3);
-        Placed::measured(stored, ids, &world_from_mesh, measures)
+        self.mesh(number).placed(models)
     }
 }
 
@@ -189,7 +207,14 @@ pub(super) fn hit_bounds(placed: &Placed, models: &[Model]) -> DBounds {
     placed.hit_bounds(&models[placed.model as usize].trees()[placed.tree as usize])
 }
 
-/// What holds placed trees that are not of single instances.
+/// A member of a top tree.
+pub(super) enum Member<'a> {
+    /// A placed tree, by its number.
+    Placed(u32),
+    Scene(&'a PlacedScene),
+}
+
+/// The array or scene that holds placed trees which are not of single instances.
 #[derive(Clone, Copy)]
 pub(super) enum Holder<'a> {
     Array(&'a PlacedArray),
@@ -204,7 +229,7 @@ pub(crate) struct PlacedIds {
     /// Index of the tree in the model.
     pub tree: u32,
     /// Number of the instance.
-    pub instance: u32,
+    pub instance: u64,
     /// The model's part that is the tree's local part 0 here.
     pub first_part: u32,
 }
@@ -212,76 +237,124 @@ pub(crate) struct PlacedIds {
 impl Placement {
     /// The array or scene that holds a placed tree which is not of a single instance.
     #[inline]
-    fn holder_of(&self, number: u32) -> Holder<'_> {
-        if let Some(after) = self.scenes.partition_point(|it| it.first <= number).checked_sub(1) {
-            return Holder::Scene(&self.scenes[after]);
+    fn holder_of(&self, number: u64) -> Holder<'_> {
+        if number >= u64::from(self.own) {
+            return Holder::Scene(self.scene_with(number));
         }
-        let after = self.arrays.partition_point(|array| array.first <= number);
+        let after = self.arrays.partition_point(|array| u64::from(array.first) <= number);
         Holder::Array(&self.arrays[after - 1])
     }
 
-    /// The placed tree of a single instance; `None`: it is an array's.
+    /// The scene that holds a placed tree which is of no instance of this scene's own.
+    #[inline]
+    pub(super) fn scene_with(&self, number: u64) -> &PlacedScene {
+        // Scenes with nothing in them begin where the next one does.
+        &self.scenes[self.scenes.partition_point(|it| it.first <= number) - 1]
+    }
+
+    /// A member of the top tree.
+    #[inline]
+    pub(super) fn member(&self, member: u32) -> Member<'_> {
+        match member.checked_sub(self.own) {
+            None => Member::Placed(member),
+            Some(scene) => Member::Scene(&self.scenes[scene as usize]),
+        }
+    }
+
+    /// The placed tree of a single instance; `None`: it is of another.
     #[inline(always)]
-    pub(super) fn single(&self, number: u32) -> Option<&Placed> {
+    pub(super) fn single(&self, number: u64) -> Option<&Placed> {
         self.singles.get(number as usize)
     }
 
     /// A placed tree that is not of a single instance; `models`: those of the scene.
     #[inline(never)]
-    pub(super) fn made(&self, number: u32, models: &[Model]) -> Placed {
+    pub(super) fn made(&self, number: u64, models: &[Model]) -> Placed {
+        self.mesh(number).placed(models)
+    }
+
+    fn mesh(&self, number: u64) -> PlacedMesh {
+        if let Some(placed) = self.single(number) {
+            return PlacedMesh { ids: **placed, world_from_mesh: placed.world_from_mesh(), measures: None };
+        }
         match self.holder_of(number) {
-            Holder::Array(array) => array.placed(number, models),
-            Holder::Scene(scene) => scene.placed(number),
+            Holder::Array(array) => array.mesh(number as u32),
+            Holder::Scene(it) => {
+                let inner = it.scene.placement.mesh(number - it.first);
+                let world_from_mesh = it.world_from_scene * inner.world_from_mesh;
+                PlacedMesh { ids: it.outer(inner.ids), world_from_mesh, measures: None }
+            }
         }
     }
 
     /// See [`PlacedIds`].
     #[inline(always)]
-    pub fn ids_of(&self, number: u32) -> PlacedIds {
-        if let Some(placed) = self.singles.get(number as usize) {
-            return **placed;
+    pub fn ids_of(&self, number: u64) -> PlacedIds {
+        match self.single(number) {
+            Some(placed) => **placed,
+            None => self.ids_of_other(number),
         }
+    }
+
+    #[inline(never)]
+    fn ids_of_other(&self, number: u64) -> PlacedIds {
         match self.holder_of(number) {
-            Holder::Array(array) => array.ids_of(number),
-            Holder::Scene(scene) => scene.ids_of(number),
+            Holder::Array(array) => array.ids_of(number as u32),
+            Holder::Scene(it) => it.outer(it.scene.placement.ids_of(number - it.first)),
         }
     }
 
     /// The index of a placed tree among those of its instance.
-    pub(super) fn index_in_instance(&self, number: u32) -> u32 {
+    pub(super) fn index_in_instance(&self, number: u64) -> u32 {
         match self.single(number) {
-            Some(placed) => number - self.firsts[placed.instance as usize],
+            Some(placed) => number as u32 - self.firsts[placed.instance as usize],
             None => match self.holder_of(number) {
-                Holder::Array(array) => array.of(number).nth,
+                Holder::Array(array) => array.of(number as u32).nth,
                 Holder::Scene(it) => it.scene.placement.index_in_instance(number - it.first),
             },
         }
     }
 
     /// The array or the scene of an instance that is not a single one, its index, and the number of the instance there.
-    pub(super) fn holder_of_instance(&self, instance: u32) -> (Holder<'_>, usize, u32) {
+    pub(super) fn holder_of_instance(&self, instance: u64) -> (Holder<'_>, usize, u64) {
         if let Some(at) = self.scenes.partition_point(|it| it.first_instance <= instance).checked_sub(1) {
             return (Holder::Scene(&self.scenes[at]), at, instance - self.scenes[at].first_instance);
         }
-        let at = self.arrays.partition_point(|it| it.first_instance <= instance) - 1;
-        (Holder::Array(&self.arrays[at]), at, instance - self.arrays[at].first_instance)
+        let at = self.arrays.partition_point(|it| u64::from(it.first_instance) <= instance) - 1;
+        (Holder::Array(&self.arrays[at]), at, instance - u64::from(self.arrays[at].first_instance))
     }
 
     /// The number of the instance with an id, if it is of an array.
-    pub(super) fn member_with(&self, id: u64) -> Option<u32> {
-        self.arrays.iter().find_map(|it| it.array.member(id).map(|member| it.first_instance + member))
+    pub(super) fn member_with(&self, id: u64) -> Option<u64> {
+        let of_array = |it: &PlacedArray| Some(u64::from(it.first_instance + it.array.member(id)?));
+        self.arrays.iter().find_map(of_array)
+    }
+
+    /// Number of the instances that are of no scene in this one.
+    pub(super) fn own_instances(&self) -> u64 {
+        self.arrays.last().map_or(self.firsts.len() as u64, |it| u64::from(it.first_instance + it.array.len()))
     }
 
     /// Number of all instances.
-    pub fn instance_count(&self) -> usize {
-        if let Some(it) = self.scenes.last() {
-            return it.first_instance as usize + it.scene.instance_count();
+    pub fn instance_count(&self) -> u64 {
+        match self.scenes.last() {
+            Some(it) => it.first_instance + it.scene.placement.instance_count(),
+            None => self.own_instances(),
         }
-        self.arrays.last().map_or(self.firsts.len(), |it| (it.first_instance + it.array.len()) as usize)
+    }
+
+    /// Those of all maps to placed trees, or wider.
+    pub(super) fn factors(&self) -> Factors {
+        let all = || {
+            let of_own = |number| Factors::of(&self.mesh(number).world_from_mesh.matrix3);
+            let own = (0..u64::from(self.own)).map(of_own).fold(Factors::NONE, Factors::union);
+            self.scenes.iter().map(PlacedScene::factors).fold(own, Factors::union)
+        };
+        *self.factors.get_or_init(all)
     }
 
     /// Number of all placed trees.
-    pub fn len(&self) -> usize {
-        self.count as usize
+    pub fn len(&self) -> u64 {
+        self.count
     }
 }

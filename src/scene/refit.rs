@@ -53,12 +53,14 @@ impl Scene {
             firsts: Arc::clone(&before.firsts),
             arrays,
             scenes: Arc::clone(&before.scenes),
+            own: before.own,
             count: before.count,
             top,
             bounds: bounds.map_or_else(OnceLock::new, OnceLock::from),
             position_error,
             memory: Arc::clone(&before.memory),
             _changed: changed,
+            ..Placement::default()
         }))
     }
 }

@@ -1,6 +1,7 @@
 //! The committed, immutable state of a scene, which jobs read.
 
 use super::context::Context;
+use super::frame::Search;
 use super::light::{Background, Light};
 use super::looks::{Look, PartsShown};
 use super::model::Model;
@@ -11,7 +12,7 @@ use crate::residency::Kept;
 use crate::structure::ShownBlocks;
 use glam::DAffine3;
 use std::borrow::Cow;
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -55,6 +56,11 @@ pub(super) struct States {
 impl States {
     /// The states under another one: visible if both are, in the colour of the inner one if it has one.
     pub fn under(&self, outer: &InstanceState) -> Self {
+        self.under_once(outer, &mut HashMap::new())
+    }
+
+    /// [`States::under`]; `done` has those of scenes in it that were there before.
+    fn under_once(&self, outer: &InstanceState, done: &mut HashMap<*const Self, Arc<Self>>) -> Self {
         let under = |inner: &InstanceState| {
             let look = Look {
                 visible: inner.look.visible && outer.look.visible,
@@ -67,42 +73,54 @@ impl States {
             common: under(&it.common),
             own: it.own.iter().map(|(&member, state)| (member, under(state))).collect(),
         };
+        let scene = |it: &Arc<Self>| match done.get(&Arc::as_ptr(it)) {
+            Some(known) => Arc::clone(known),
+            None => {
+                let new = Arc::new(it.under_once(outer, done));
+                done.insert(Arc::as_ptr(it), Arc::clone(&new));
+                new
+            }
+        };
         Self {
             singles: self.singles.iter().map(under).collect(),
             arrays: self.arrays.iter().map(of_array).collect(),
-            scenes: self.scenes.iter().map(|it| Arc::new(it.under(outer))).collect(),
+            scenes: self.scenes.iter().map(scene).collect(),
         }
     }
 
-    /// Bytes of memory, without the looks of parts.
-    pub fn bytes(&self) -> u64 {
+    /// Bytes of memory, without the looks of parts, and without what `seen` has. States of scenes in it count once.
+    pub fn bytes(&self, seen: &mut HashSet<*const Self>) -> u64 {
         let of_arrays = self.arrays.iter().map(|it| (1 + 2 * it.own.len()) * size_of::<ArrayStates>());
-        let own =
-            (size_of::<Self>() + self.singles.len() * size_of::<InstanceState>() + of_arrays.sum::<usize>()) as u64;
-        own + self.scenes.iter().map(|it| it.bytes()).sum::<u64>()
+        let of_scenes = self.scenes.len() * size_of::<Arc<Self>>();
+        let own = self.singles.len() * size_of::<InstanceState>() + of_arrays.sum::<usize>() + of_scenes;
+        let inner: Vec<_> = self.scenes.iter().filter(|it| seen.insert(Arc::as_ptr(it))).collect();
+        (size_of::<Self>() + own) as u64 + inner.into_iter().map(|it| it.bytes(seen)).sum::<u64>()
     }
 
-    /// All states.
-    pub fn all(&self) -> Box<dyn Iterator<Item = &InstanceState> + '_> {
+    /// The states of the scene's own instances.
+    pub fn own(&self) -> impl Iterator<Item = &InstanceState> {
         let of_arrays = self.arrays.iter().flat_map(|it| it.own.values().chain([&it.common]));
-        Box::new(self.singles.iter().chain(of_arrays).chain(self.scenes.iter().flat_map(|it| it.all())))
+        self.singles.iter().chain(of_arrays)
     }
 
     /// The state of an instance that is not a single one.
     #[inline(never)]
-    fn of(&self, placement: &Placement, instance: u32) -> &InstanceState {
+    fn of(&self, placement: &Placement, instance: u64) -> &InstanceState {
         if let Some(single) = self.singles.get(instance as usize) {
             return single;
         }
         match placement.holder_of_instance(instance) {
             (Holder::Array(_), at, member) => {
                 let states = &self.arrays[at];
-                states.own.get(&member).unwrap_or(&states.common)
+                states.own.get(&(member as u32)).unwrap_or(&states.common)
             }
             (Holder::Scene(it), at, inner) => self.scenes[at].of(&it.scene.placement, inner),
         }
     }
 }
+
+/// Boxes may reach beyond bounds by this fraction of their extent.
+pub(super) const ROUGH: f64 = 1.0 / 1024.0;
 
 /// A scene as it was at a commit: immutable, shared by the jobs that began with it. Thread-safe.
 pub struct SceneState {
@@ -132,32 +150,27 @@ impl SceneState {
 
     /// Number of instances.
     pub fn instance_count(&self) -> usize {
-        self.placement.instance_count()
+        self.placement.instance_count() as usize
     }
 
     /// A placed tree.
     #[inline(always)]
-    pub(crate) fn placed(&self, number: u32) -> Cow<'_, Placed> {
+    pub(crate) fn placed(&self, number: u64) -> Cow<'_, Placed> {
         match self.placement.single(number) {
             Some(placed) => Cow::Borrowed(placed),
             None => Cow::Owned(self.placement.made(number, &self.models)),
         }
     }
 
-    /// All placed trees, by number.
-    pub(crate) fn all_placed(&self) -> impl Iterator<Item = Cow<'_, Placed>> {
-        (0..self.placement.len() as u32).map(|number| self.placed(number))
-    }
-
     /// See [`PlacedIds`].
     #[inline(always)]
-    pub(crate) fn ids_of(&self, number: u32) -> PlacedIds {
+    pub(crate) fn ids_of(&self, number: u64) -> PlacedIds {
         self.placement.ids_of(number)
     }
 
     /// The state of an instance.
     #[inline(always)]
-    pub(crate) fn state_of(&self, instance: u32) -> &InstanceState {
+    pub(crate) fn state_of(&self, instance: u64) -> &InstanceState {
         match self.states.singles.get(instance as usize) {
             Some(single) => single,
             None => self.states.of(&self.placement, instance),
@@ -166,34 +179,34 @@ impl SceneState {
 
     /// The caller's id of an instance. That of an instance of a scene in this one is the id of that scene.
     #[inline]
-    pub(crate) fn instance_id(&self, instance: u32) -> u64 {
+    pub(crate) fn instance_id(&self, instance: u64) -> u64 {
         if let Some(single) = self.singles.get(instance as usize) {
             return single.id;
         }
         match self.placement.holder_of_instance(instance) {
-            (Holder::Array(it), _, member) => it.array.first_id + u64::from(member),
+            (Holder::Array(it), _, member) => it.array.first_id + member,
             (Holder::Scene(it), ..) => it.id,
         }
     }
 
     /// The model of an instance.
-    pub(crate) fn model_of_instance(&self, instance: u32) -> &Model {
+    pub(crate) fn model_of_instance(&self, instance: u64) -> &Model {
         if let Some(single) = self.singles.get(instance as usize) {
             return &self.models[single.model as usize];
         }
         match self.placement.holder_of_instance(instance) {
-            (Holder::Array(it), _, member) => &self.models[it.prototype(member).model as usize],
+            (Holder::Array(it), _, member) => &self.models[it.prototype(member as u32).model as usize],
             (Holder::Scene(it), _, inner) => it.scene.model_of_instance(inner),
         }
     }
 
     /// The map of an instance to the world.
-    pub(crate) fn world_from_model(&self, instance: u32) -> DAffine3 {
+    pub(crate) fn world_from_model(&self, instance: u64) -> DAffine3 {
         if let Some(single) = self.singles.get(instance as usize) {
             return single.world_from_model;
         }
         match self.placement.holder_of_instance(instance) {
-            (Holder::Array(it), _, member) => it.array.transform(member),
+            (Holder::Array(it), _, member) => it.array.transform(member as u32),
             (Holder::Scene(it), _, inner) => it.world_from_scene * it.scene.world_from_model(inner),
         }
     }
@@ -202,8 +215,7 @@ impl SceneState {
     /// instance. Also returns the map from its model to the world. `None` if there is no
     /// such placed tree.
     pub fn path(&self, occurrence: u64) -> Option<(Vec<u64>, DAffine3)> {
-        let number = u32::try_from(occurrence).ok().filter(|&number| (number as usize) < self.placement.len())?;
-        let mut instance = self.ids_of(number).instance;
+        let mut instance = (occurrence < self.placement.len()).then(|| self.ids_of(occurrence).instance)?;
         let (world_from_model, mut ids, mut scene) = (self.world_from_model(instance), Vec::new(), self);
         loop {
             ids.push(scene.instance_id(instance));
@@ -218,7 +230,7 @@ impl SceneState {
     }
 
     /// The index, among the scenes in this one, of that which an instance is of; `None` if it is in none.
-    pub(crate) fn scene_of(&self, instance: u32) -> Option<usize> {
+    pub(crate) fn scene_of(&self, instance: u64) -> Option<usize> {
         let is_in_one = self.placement.scenes.first().is_some_and(|it| it.first_instance <= instance);
         is_in_one.then(|| self.placement.holder_of_instance(instance).1)
     }
@@ -228,15 +240,40 @@ impl SceneState {
     pub(crate) fn instance_ids(&self) -> InstanceIds<'_> {
         let singles = (0..).zip(&self.singles).map(|(at, single)| (single.id, at..at + 1));
         let of_scene =
-            |it: &PlacedScene| (it.id, it.first_instance..it.first_instance + it.scene.instance_count() as u32);
+            |it: &PlacedScene| (it.id, it.first_instance..it.first_instance + it.scene.placement.instance_count());
         let index = singles.chain(self.placement.scenes.iter().map(of_scene)).collect();
         InstanceIds { placement: &self.placement, index }
     }
 
-    /// Bounds of all instances, hidden ones too, in world space; empty if there are none.
+    /// Bounds of all instances, hidden ones too, in world space; empty if there are none. Where scenes are in it they may
+    /// be larger, by up to a thousandth of their extent on each side.
     pub fn bounds(&self) -> DBounds {
-        let all = || self.all_placed().fold(DBounds::EMPTY, |all, placed| all.union(placed.bounds));
-        *self.placement.bounds.get_or_init(all)
+        let of_own = || (0..self.placement.len()).map(|number| self.placed(number).bounds);
+        *self.placement.bounds.get_or_init(|| match self.placement.scenes.is_empty() {
+            true => of_own().fold(DBounds::EMPTY, DBounds::union),
+            false => self.rough_bounds(),
+        })
+    }
+
+    /// [`SceneState::bounds`], with time for few of the placed trees.
+    fn rough_bounds(&self) -> DBounds {
+        let (mut all, mut search) = (DBounds::EMPTY, Search::begin(self));
+        // Boxes hold all that rays may hit, which is a little more than the triangles. One that reaches but a little
+        // beyond is taken as it is: otherwise all at the bounds would be visited.
+        let mut boxes = DBounds::EMPTY;
+        loop {
+            let grown = all.extent() * ROUGH;
+            let around = DBounds { min: all.min - grown, max: all.max + grown };
+            let next = search.next(self, |b| {
+                let is_within = !all.is_empty() && around.contains(b);
+                if is_within {
+                    boxes = boxes.union(*b);
+                }
+                !is_within
+            });
+            let Some(number) = next else { return all.union(boxes) };
+            all = all.union(self.placed(number).bounds);
+        }
     }
 
     /// Bounds in world space of all that rays can hit: stand-ins may extend beyond [`SceneState::bounds`].
@@ -246,7 +283,7 @@ impl SceneState {
 
     /// The blocks of a placed tree that walks pass by, if parts are hidden there.
     #[inline]
-    pub(crate) fn shown_blocks(&self, placed: u32) -> Option<&ShownBlocks> {
+    pub(crate) fn shown_blocks(&self, placed: u64) -> Option<&ShownBlocks> {
         if !self.hides_parts {
             return None;
         }
@@ -256,7 +293,7 @@ impl SceneState {
 
     /// The mask of the rays that see the placed tree.
     #[inline]
-    pub(super) fn seen_by(&self, placed: u32) -> u32 {
+    pub(super) fn seen_by(&self, placed: u64) -> u32 {
         let instance = self.state_of(self.ids_of(placed).instance);
         // A tree of hidden parts alone is not entered.
         let is_hidden = self.shown_blocks(placed).is_some_and(|shown| shown.lacks(shown.first_block));
@@ -273,12 +310,12 @@ impl SceneState {
 pub(crate) struct InstanceIds<'a> {
     placement: &'a Placement,
     /// Of those that are of no array.
-    index: HashMap<u64, Range<u32>>,
+    index: HashMap<u64, Range<u64>>,
 }
 
 impl InstanceIds<'_> {
     /// The numbers of the instances with an id: several are of a scene in this one. Empty if there are none.
-    pub fn with(&self, id: u64) -> Range<u32> {
+    pub fn with(&self, id: u64) -> Range<u64> {
         let of_array = || self.placement.member_with(id).map(|member| member..member + 1);
         self.index.get(&id).cloned().or_else(of_array).unwrap_or(0..0)
     }

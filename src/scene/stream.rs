@@ -5,10 +5,11 @@
 use super::alike::Alike;
 use super::beam::Beam;
 use super::box_ray::PacketBoxRays;
+use super::frame::Target;
 use super::group::Entered;
 use super::placed::At;
 use super::ray_rows::RayRows;
-use super::top::{NodeRef, Target};
+use super::top_walk::TopWalk;
 use super::walk::{FirstCell, Found, SceneView, SceneWalk, Step};
 use crate::math::{PACKET, Ray, STREAM, bits, first_rays};
 use crate::structure::{LocalRay, LocalRays, Outcome, Stream, TriHit, Walk};
@@ -29,9 +30,9 @@ pub(crate) struct SceneStream {
     alone: SceneWalk,
     /// For each ray in a scene of several placed trees, those still to be visited if they are few, with the distances
     /// at which it enters them. The nearest is the last.
-    todo: Vec<Vec<(u32, f64)>>,
-    /// For each other ray, its walk through the top tree, and its placement there.
-    tops: Vec<(Walk, Option<At>)>,
+    todo: Vec<Vec<(u64, f64)>>,
+    /// For each other ray, its walk through the top trees.
+    tops: Vec<TopWalk>,
     /// True for rays that are not done: `todo` may hold nodes for them.
     goes_on: Box<[bool; STREAM]>,
     /// The placed trees that some packet's rays may enter.
@@ -44,13 +45,22 @@ pub(crate) struct SceneStream {
     is_moved: bool,
 }
 
+/// Equal for placed trees that rays may go through in one stream: placements of the same tree with all parts as in the
+/// file, or the same placed tree.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum TreeKey {
+    /// The model, and the tree there.
+    Stored(u32, u32),
+    Placed(u64),
+}
+
 /// A ray that enters a placed tree.
 #[derive(Debug, Clone, Copy)]
 struct Entering {
     /// Equal for rays that may go through a tree in one stream.
-    tree: u64,
+    tree: TreeKey,
     ray: u32,
-    placed: u32,
+    placed: u64,
 }
 
 impl Default for SceneStream {
@@ -96,7 +106,7 @@ impl SceneStream {
     fn reserve(&mut self, rays: &[Ray]) {
         if self.todo.len() < rays.len() {
             self.todo.resize_with(rays.len(), Vec::new);
-            self.tops.resize_with(rays.len(), || (Walk::new(), None));
+            self.tops.resize_with(rays.len(), TopWalk::default);
         }
     }
 }
@@ -143,12 +153,12 @@ impl StreamHits<'_> {
 
     /// Where ray `i` first entered a stand-in of the tree, which is `placed`.
     #[inline(always)]
-    pub fn first_cell(&self, i: usize, placed: u32) -> FirstCell {
+    pub fn first_cell(&self, i: usize, placed: u64) -> FirstCell {
         FirstCell { t: self.in_world(i, self.first_cell[i]), placed }
     }
 
     /// The hit of ray `i`, which is in `met` or not.
-    pub fn found(&self, i: usize, placed: u32, ray: &Ray, is_met: bool) -> Found {
+    pub fn found(&self, i: usize, placed: u64, ray: &Ray, is_met: bool) -> Found {
         let first_cell = self.first_cell(i, placed);
         if !is_met {
             return Found { first_cell, ..Found::nothing(ray.t_max) };
@@ -160,9 +170,9 @@ impl StreamHits<'_> {
 impl SceneView<'_> {
     /// Traces rays as one stream, if the scene has one placed tree that all rays see. Returns the tree; the hits are
     /// those of [`SceneStream::hits_from`], and [`SceneStream::unfinished`] has the rays without an answer.
-    pub fn trace_in_only<const ANY: bool>(&self, rays: &[Ray], walk: &mut SceneStream) -> Option<u32> {
+    pub fn trace_in_only<const ANY: bool>(&self, rays: &[Ray], walk: &mut SceneStream) -> Option<u64> {
         debug_assert!(self.within.is_none(), "a double-precision interval belongs to a single ray");
-        let Some(Target::Placed(placed)) = self.scene.placement.top.root().map(NodeRef::target) else { return None };
+        let Some(Target::Placed(placed)) = self.scene.root() else { return None };
         let seen_by = self.seen_by(placed);
         if rays.len() <= FEW || rays.iter().any(|ray| ray.mask & seen_by == 0) {
             return None;
@@ -210,7 +220,7 @@ impl SceneView<'_> {
         found.iter_mut().zip(rays).for_each(|(found, ray)| *found = Found::nothing(ray.t_max));
         let mut entering = std::mem::take(&mut walk.entering);
         entering.clear();
-        match self.scene.placement.top.root().map(NodeRef::target) {
+        match self.scene.root() {
             None => {}
             Some(Target::Placed(placed)) => {
                 walk.goes_on[..rays.len()].fill(false);
@@ -256,7 +266,7 @@ impl SceneView<'_> {
         for (i, ray) in group.iter().enumerate() {
             goes_on[first + i] = ray.can_hit();
             todo[first + i].clear();
-            tops[first + i].1 = None;
+            tops[first + i].end();
         }
         if is_few {
             packet.set(group, None);
@@ -276,8 +286,7 @@ impl SceneView<'_> {
             }
         } else {
             for (i, ray) in group.iter().enumerate().filter(|(_, ray)| ray.can_hit()) {
-                let (top, at) = &mut tops[first + i];
-                *at = self.enter_top(ray, top);
+                tops[first + i].begin(self, ray);
             }
         }
         entering.extend((first..).zip(group).filter_map(|(i, ray)| self.next_tree(ray, i, ray.t_max, walk)));
@@ -285,7 +294,7 @@ impl SceneView<'_> {
 
     /// The entry of a ray into a placed tree; `None` if the tree is not visible to the ray.
     #[inline]
-    fn entering(&self, ray: &Ray, i: usize, placed: u32) -> Option<Entering> {
+    fn entering(&self, ray: &Ray, i: usize, placed: u64) -> Option<Entering> {
         (self.seen_by(placed) & ray.mask != 0).then(|| Entering { tree: self.tree_key(placed), ray: i as u32, placed })
     }
 
@@ -302,13 +311,12 @@ impl SceneView<'_> {
     /// The next placed tree that a ray may enter before `best`.
     #[inline]
     fn next_tree(&self, ray: &Ray, i: usize, best: f64, walk: &mut SceneStream) -> Option<Entering> {
-        let (todo, (top, at)) = (&mut walk.todo[i], &mut walk.tops[i]);
+        let (todo, top) = (&mut walk.todo[i], &mut walk.tops[i]);
         loop {
-            let placed = match (todo.pop(), &at) {
-                (Some((_, enter)), _) if enter > best => continue,
-                (Some((placed, _)), _) => placed,
-                (None, Some(at)) => self.next_placed(at, best, top)?,
-                (None, None) => return None,
+            let placed = match todo.pop() {
+                Some((_, enter)) if enter > best => continue,
+                Some((placed, _)) => placed,
+                None => top.next(self, ray, best)?,
             };
             let entering = self.entering(ray, i, placed);
             if entering.is_some() {
@@ -317,12 +325,11 @@ impl SceneView<'_> {
         }
     }
 
-    /// Equal for placed trees that rays may go through in one stream: placements of the same tree with all parts as in
-    /// the file, or the same placed tree.
-    fn tree_key(&self, placed: u32) -> u64 {
+    /// See [`TreeKey`].
+    fn tree_key(&self, placed: u64) -> TreeKey {
         let p = self.scene.ids_of(placed);
         let is_as_in_file = self.scene.state_of(p.instance).parts.looks.is_empty();
-        if is_as_in_file { u64::from(p.model) << 32 | u64::from(p.tree) } else { 1 << 63 | u64::from(placed) }
+        if is_as_in_file { TreeKey::Stored(p.model, p.tree) } else { TreeKey::Placed(placed) }
     }
 
     /// Takes a ray by itself through the tree that it enters, and through all further trees that it enters.

@@ -3,8 +3,8 @@
 //! there decide exactly ([`Line`]): triangles that share corners agree on the ray, in whatever block or tree they are.
 
 use super::box_ray::BoxRay;
+use super::frame::Search;
 use super::state::SceneState;
-use super::top::{NodeRef, Target};
 use super::walk::SceneView;
 use crate::geom::{Line, Side};
 use crate::math::{Bounds, DBounds, Ray};
@@ -18,38 +18,26 @@ const GROWTH: f64 = 1e-12;
 /// The placed trees that a ray has still to enter.
 #[derive(Debug, Default)]
 pub(crate) struct Entrances {
-    left: Vec<NodeRef>,
+    left: Search,
 }
 
 impl Entrances {
     /// Begins with a ray.
     pub fn begin(&mut self, scene: &SceneState, ray: &Ray) {
-        self.left.clear();
-        if can_cross(ray) {
-            self.left.extend(scene.placement.top.root());
-        }
+        if can_cross(ray) { self.left.restart(scene) } else { self.left.end() }
     }
 
     /// The next placed tree that the ray may enter and that it sees.
-    pub fn next(&mut self, scene: &SceneState, ray: &Ray) -> Option<u32> {
-        let (top, around) = (&scene.placement.top, scene.placement.top.around());
-        let box_ray = BoxRay::new(ray);
+    pub fn next(&mut self, scene: &SceneState, ray: &Ray) -> Option<u64> {
+        let (around, box_ray) = (scene.placement.top.around(), BoxRay::new(ray));
         let far = around.min.abs().max(around.max.abs()).max(ray.origin.abs()).max_element();
-        while let Some(node) = self.left.pop() {
-            match node.target() {
-                Target::Placed(placed) => {
-                    if scene.seen_by(placed) & ray.mask != 0 {
-                        return Some(placed);
-                    }
-                }
-                Target::Inner(index) => top.children(index, |child, bounds| {
-                    if box_ray.enter(&grown(bounds, far), ray.begins(), ray.t_max).is_some() {
-                        self.left.push(child);
-                    }
-                }),
+        let enters = |bounds: &DBounds| box_ray.enter(&grown(*bounds, far), ray.begins(), ray.t_max).is_some();
+        loop {
+            let placed = self.left.next(scene, enters)?;
+            if scene.seen_by(placed) & ray.mask != 0 {
+                return Some(placed);
             }
         }
-        None
     }
 }
 
@@ -71,7 +59,7 @@ impl SceneView<'_> {
     /// Continues a visit to a placed tree as far as its blocks are in memory. Calls `visit` with each triangle that the
     /// ray's line crosses near the ray's interval, its side, and the span of its corners' distances. Hidden parts are
     /// left out. A triangle in several leaves comes several times. The caller tests the interval.
-    pub fn through(&self, ray: &Ray, placed: u32, left: &mut Descent, visit: Crossed) {
+    pub fn through(&self, ray: &Ray, placed: u64, left: &mut Descent, visit: Crossed) {
         let p = self.scene.placed(placed);
         let (tree, filter) = (self.tree(placed), self.filter(placed));
         let tree_origin = self.model_of(placed).trees()[p.tree as usize].origin;

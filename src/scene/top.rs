@@ -1,5 +1,5 @@
-//! The top-level tree: a tree over the bounds of placed trees, with boxes in single precision around an origin in
-//! double precision. Rays walk it as they walk the trees of models.
+//! The top-level tree: a tree over the bounds of placed trees and of scenes in this one, its members, with boxes in
+//! single precision around an origin in double precision. Rays walk it as they walk the trees of models.
 
 use super::placed::Placed;
 use crate::base::error::Result;
@@ -7,36 +7,12 @@ use crate::math::{Bounds, DBounds};
 use crate::structure::{MemberChild, Members, Move};
 use glam::{DVec3, Vec3};
 
-/// A node or, if the top bit is set, a placed tree.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct NodeRef(u32);
-
-const LEAF: u32 = 1 << 31;
-
-/// The target of a [`NodeRef`].
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Target {
-    /// Number of an inner node.
-    Inner(u32),
-    /// Index of a placed tree.
-    Placed(u32),
-}
-
-impl NodeRef {
-    /// The node or tree that this refers to.
-    #[inline]
-    pub fn target(self) -> Target {
-        if self.0 & LEAF == 0 { Target::Inner(self.0) } else { Target::Placed(self.0 & !LEAF) }
-    }
-}
-
-/// The tree. Invariants: every placed tree with non-empty bounds is a leaf exactly once; each box holds all that is
-/// below it.
+/// The tree. Invariants: every member with non-empty bounds is in it exactly once; each box holds all that is below it.
 #[derive(Debug)]
 pub struct TopTree {
     around: DBounds,
-    root: Option<NodeRef>,
-    /// The nodes; `None` over fewer than two placed trees.
+    root: Option<MemberChild>,
+    /// The nodes; `None` over fewer than two members.
     nodes: Option<Nodes>,
 }
 
@@ -44,7 +20,7 @@ pub struct TopTree {
 struct Nodes {
     tree: Members,
     frame: Frame,
-    /// Number of the placed trees, and of those that were moved since the tree was built.
+    /// Number of the members, and of those that were moved since the tree was built.
     count: usize,
     moved: usize,
 }
@@ -95,17 +71,17 @@ const MOST_MOVED: usize = 8;
 const USUAL: std::ops::RangeInclusive<f64> = 1e-12..=1e12;
 
 impl TopTree {
-    /// Upper bound of the bytes of memory for each placed tree, while the tree is built.
+    /// Upper bound of the bytes of memory for each member, while the tree is built.
     pub const BYTES_EACH: usize = Members::BYTES_EACH;
 
-    /// Builds the tree over `bounds`, the numbers of placed trees and their boxes, and leaves out empty ones. The same
-    /// input gives the same tree. Fails with `NoMemory`.
+    /// Builds the tree over `bounds`, the numbers of members, below 2^31, and their boxes, and leaves out empty ones. The
+    /// same input gives the same tree. Fails with `NoMemory`.
     pub fn build(mut bounds: Vec<(u32, DBounds)>) -> Result<Self> {
         bounds.retain(|it| !it.1.is_empty());
         let around = bounds.iter().fold(DBounds::EMPTY, |all, it| all.union(it.1));
         match bounds[..] {
             [] => return Ok(Self::default()),
-            [(only, _)] => return Ok(Self { around, root: Some(NodeRef(only | LEAF)), nodes: None }),
+            [(only, _)] => return Ok(Self { around, root: Some(MemberChild::Member(only)), nodes: None }),
             _ => {}
         }
         let origin = around.center();
@@ -120,7 +96,7 @@ impl TopTree {
         let frame = Frame { placed: Placed::of_boxes(origin, scale, &all, max_coord), grown };
         let count = bounds.len();
         let tree = Members::build(bounds.into_iter().map(|(number, b)| (number, frame.local(&b))), max_coord)?;
-        let root = NodeRef(tree.root());
+        let root = MemberChild::Node(tree.root());
         Ok(Self { around, root: Some(root), nodes: Some(Nodes { tree, frame, count, moved: 0 }) })
     }
 
@@ -162,11 +138,11 @@ impl TopTree {
 
     /// The root of all walks; `None` if the tree is empty.
     #[inline]
-    pub fn root(&self) -> Option<NodeRef> {
+    pub fn root(&self) -> Option<MemberChild> {
         self.root
     }
 
-    /// The tree for walks of rays, and its frame; `None` over fewer than two placed trees.
+    /// The tree for walks of rays, and its frame; `None` over fewer than two members.
     #[inline]
     pub(crate) fn walked(&self) -> Option<(&Members, &Placed)> {
         self.nodes.as_ref().map(|nodes| (&nodes.tree, &nodes.frame.placed))
@@ -174,15 +150,11 @@ impl TopTree {
 
     /// Calls `visit` with the children of an inner node, at most eight, and their boxes.
     #[inline]
-    pub fn children(&self, node: u32, mut visit: impl FnMut(NodeRef, DBounds)) {
+    pub fn children(&self, node: u32, mut visit: impl FnMut(MemberChild, DBounds)) {
         let Some(Nodes { tree, frame, .. }) = &self.nodes else { return };
         tree.children(node, |child, b| {
-            let reference = match child {
-                MemberChild::Node(node) => NodeRef(node),
-                MemberChild::Member(placed) => NodeRef(placed | LEAF),
-            };
             let in_world = |v: Vec3| frame.placed.world_point(v.as_dvec3());
-            visit(reference, DBounds { min: in_world(b.min), max: in_world(b.max) });
+            visit(child, DBounds { min: in_world(b.min), max: in_world(b.max) });
         });
     }
 
@@ -208,9 +180,9 @@ mod tests {
         let mut found = Vec::new();
         let mut stack: Vec<_> = tree.root().into_iter().collect();
         while let Some(r) = stack.pop() {
-            match r.target() {
-                Target::Placed(i) => found.push(i),
-                Target::Inner(i) => tree.children(i, |child, bounds| {
+            match r {
+                MemberChild::Member(i) => found.push(i),
+                MemberChild::Node(i) => tree.children(i, |child, bounds| {
                     if box_rays.enter(&bounds, 0.0, t_max).is_some() {
                         stack.push(child);
                     }
@@ -226,7 +198,7 @@ mod tests {
         let (mut deepest, mut todo) = (0, vec![(1, tree.root().unwrap())]);
         while let Some((depth, node)) = todo.pop() {
             deepest = deepest.max(depth);
-            if let Target::Inner(i) = node.target() {
+            if let MemberChild::Node(i) = node {
                 tree.children(i, |child, _| todo.push((depth + 1, child)));
             }
         }

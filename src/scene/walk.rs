@@ -1,16 +1,17 @@
 //! Walks through a scene: through the top-level tree, and in each instance through its tree. Like the walks of single
 //! trees, they can stop at a missing block and continue later.
 //!
-//! A hit is the least pair (t, index of the placed tree) of the hits in the trees. It does not depend on the order of
+//! A hit is the least pair (t, number of the placed tree) of the hits in the trees. It does not depend on the order of
 //! visits, on packets or on interruptions.
 
+use super::frame::Target;
 use super::model::Model;
 use super::placed::At;
 use super::state::SceneState;
-use super::top::{NodeRef, Target};
+use super::top_walk::TopWalk;
 use crate::base::error::Result;
 use crate::base::ids::BlockId;
-use crate::math::{Cone, Ray};
+use crate::math::Ray;
 use crate::residency::{Held, Lease, Shown};
 use crate::structure::{
     LocalRay, NEVER, Outcome, PartFilter, ShownBlocks, Tree, TriHit, Triangle, Visit, Walk, Within,
@@ -120,8 +121,8 @@ impl Hold {
 pub(crate) struct FirstCell {
     /// Distance in units of the world ray's direction; infinity if the ray entered none.
     pub t: f64,
-    /// Index of the placed tree.
-    pub placed: u32,
+    /// Number of the placed tree.
+    pub placed: u64,
 }
 
 impl FirstCell {
@@ -140,14 +141,14 @@ impl FirstCell {
 pub(crate) struct Found {
     /// Distance in units of the world ray's direction.
     pub t: f64,
-    /// Index of the placed tree; `NOTHING` for none.
-    pub placed: u32,
+    /// Number of the placed tree; `NOTHING` for none.
+    pub placed: u64,
     pub tri: TriHit,
     /// Where the ray first entered a stand-in.
     pub first_cell: FirstCell,
 }
 
-pub(super) const NOTHING: u32 = u32::MAX;
+pub(super) const NOTHING: u64 = u64::MAX;
 
 impl Found {
     /// No hit up to `t`.
@@ -218,7 +219,7 @@ pub(crate) struct SceneView<'a> {
 
 /// [`Within`] for all placed trees, with distances in the world.
 pub(crate) trait Ends: std::fmt::Debug + Sync {
-    fn triangle(&self, placed: u32, triangle: &Triangle, t: f64) -> bool;
+    fn triangle(&self, placed: u64, triangle: &Triangle, t: f64) -> bool;
     fn cell(&self, t: f64) -> bool;
     fn is_beyond(&self, t: f64) -> bool;
 }
@@ -245,11 +246,8 @@ impl Within for EndsIn<'_> {
 /// The state of one ray in a scene. Reusable.
 #[derive(Debug, Default)]
 pub(crate) struct SceneWalk {
-    /// The walk through the top tree, and the placement of the ray there.
-    top: Walk,
-    at_top: Option<At>,
-    /// The placed tree that the ray is to enter next, in a scene of one.
-    only: Option<u32>,
+    /// The walk through the top trees.
+    top: TopWalk,
     /// The placed tree that the ray is in, and the walk there.
     inside: Option<At>,
     tree: Walk,
@@ -259,16 +257,8 @@ pub(crate) struct SceneWalk {
 impl SceneWalk {
     /// Puts the ray at the root.
     pub fn begin(&mut self, view: &SceneView, ray: &Ray) {
-        (self.at_top, self.only, self.inside) = (None, None, None);
-        self.best = Some(Found::nothing(ray.t_max));
-        if !ray.can_hit() {
-            return;
-        }
-        match view.scene.placement.top.root().map(NodeRef::target) {
-            None => {}
-            Some(Target::Placed(placed)) => self.only = Some(placed),
-            Some(Target::Inner(_)) => self.at_top = view.enter_top(ray, &mut self.top),
-        }
+        (self.inside, self.best) = (None, Some(Found::nothing(ray.t_max)));
+        self.top.begin(view, ray);
     }
 
     /// Gives back memory that the walk does not need now, because it is going to wait.
@@ -304,20 +294,20 @@ impl<'a> SceneView<'a> {
     }
 
     /// The missing block that a hit on a stand-in replaces, if there is one.
-    pub fn wanted(&self, placed: u32, hit: &TriHit) -> Option<Need> {
+    pub fn wanted(&self, placed: u64, hit: &TriHit) -> Option<Need> {
         let block = self.tree(placed).wanted(hit)?;
         Some(self.need(placed, BlockId(block)))
     }
 
     /// A placed tree with its blocks in memory.
     #[inline]
-    pub fn tree(&self, placed: u32) -> Tree<'a> {
+    pub fn tree(&self, placed: u64) -> Tree<'a> {
         self.tree_showing(placed, self.scene.shown_blocks(placed))
     }
 
     /// A placed tree of which walks pass by the blocks that `shown` has no parts of.
     #[inline]
-    pub fn tree_showing(&self, placed: u32, shown: Option<&'a ShownBlocks>) -> Tree<'a> {
+    pub fn tree_showing(&self, placed: u64, shown: Option<&'a ShownBlocks>) -> Tree<'a> {
         let p = self.scene.ids_of(placed);
         let Self { accept_missing, ties_by_place, stamp, stop, .. } = *self;
         let visit = Visit { accept_missing, ties_by_place, stamp, shown, proxies: None, stop };
@@ -326,12 +316,12 @@ impl<'a> SceneView<'a> {
 
     /// The model of a placed tree.
     #[inline]
-    pub fn model_of(&self, placed: u32) -> &'a Model {
+    pub fn model_of(&self, placed: u64) -> &'a Model {
         &self.scene.models[self.scene.ids_of(placed).model as usize]
     }
 
     #[inline]
-    pub(crate) fn filter(&self, placed: u32) -> Option<PartFilter<'a>> {
+    pub(crate) fn filter(&self, placed: u64) -> Option<PartFilter<'a>> {
         let p = self.scene.ids_of(placed);
         let parts = &self.scene.state_of(p.instance).parts;
         let filter = || PartFilter {
@@ -348,7 +338,7 @@ impl<'a> SceneView<'a> {
 
     /// See [`SceneState::seen_by`].
     #[inline]
-    pub(super) fn seen_by(&self, placed: u32) -> u32 {
+    pub(super) fn seen_by(&self, placed: u64) -> u32 {
         self.scene.seen_by(placed)
     }
 
@@ -361,14 +351,14 @@ impl<'a> SceneView<'a> {
         Ok((triangle, first_part.saturating_add(triangle.part)))
     }
 
-    pub(crate) fn need(&self, placed: u32, block: BlockId) -> Need {
+    pub(crate) fn need(&self, placed: u64, block: BlockId) -> Need {
         Need { model: self.scene.ids_of(placed).model, block }
     }
 
     /// Finds the closest hit of a ray, or any hit if `ANY`; `None` if a block is missing.
     #[inline]
     pub fn trace_at_once<const ANY: bool>(&self, ray: &Ray, walk: &mut SceneWalk) -> Option<Found> {
-        if let Some(Target::Placed(placed)) = self.scene.placement.top.root().map(NodeRef::target) {
+        if let Some(Target::Placed(placed)) = self.scene.root() {
             return self.trace_in_only_tree::<ANY>(ray, placed, &mut walk.tree);
         }
         walk.begin(self, ray);
@@ -376,7 +366,7 @@ impl<'a> SceneView<'a> {
     }
 
     /// [`SceneView::trace_at_once`] in a scene of one placed tree, which needs no stack of places.
-    fn trace_in_only_tree<const ANY: bool>(&self, ray: &Ray, placed: u32, walk: &mut Walk) -> Option<Found> {
+    fn trace_in_only_tree<const ANY: bool>(&self, ray: &Ray, placed: u64, walk: &mut Walk) -> Option<Found> {
         let mut best = Found::nothing(ray.t_max);
         if !ray.can_hit() || self.seen_by(placed) & ray.mask == 0 {
             return Some(best);
@@ -405,40 +395,12 @@ impl<'a> SceneView<'a> {
                 best.offer::<ANY>(self.widen_interval, &at, walk.tree.best(), walk.tree.first_cell());
                 (walk.best, walk.inside) = (Some(best), None);
                 if ANY && best.is_hit() {
-                    walk.at_top = None;
+                    walk.top.end();
                     return Step::Done;
                 }
             }
-            let next = match walk.only.take() {
-                None => walk.at_top.and_then(|at| self.next_placed(&at, best.reach(ray), &mut walk.top)),
-                only => only,
-            };
-            let Some(placed) = next else { return Step::Done };
+            let Some(placed) = walk.top.next(self, ray, best.reach(ray)) else { return Step::Done };
             walk.inside = self.enter(ray, placed, best.reach(ray), &mut walk.tree);
-        }
-    }
-
-    /// Puts a ray into the top tree; `None` if it certainly meets no placed tree.
-    #[inline]
-    pub(super) fn enter_top(&self, ray: &Ray, walk: &mut Walk) -> Option<At> {
-        let (members, frame) = self.scene.placement.top.walked()?;
-        let mut local = LocalRay::NONE;
-        let (shift, scale) = frame.local(ray, ray.t_max, true, &mut local)?;
-        // No cell of this tree stands in.
-        local.cone = Cone::ZERO;
-        walk.begin(&members.tree(self.scene.context().isa()), &local);
-        Some(At { placed: NOTHING, shift, scale })
-    }
-
-    /// The next placed tree that a ray in the top tree may enter before `best`.
-    #[inline]
-    pub(super) fn next_placed(&self, at: &At, best: f64, walk: &mut Walk) -> Option<u32> {
-        let (members, _) = self.scene.placement.top.walked()?;
-        walk.shorten(at.in_tree(best));
-        match members.tree(self.scene.context().isa()).closest(None, walk) {
-            Outcome::Member(placed) => Some(placed),
-            // All blocks of this tree are in memory.
-            Outcome::Done | Outcome::Pending(_) => None,
         }
     }
 
@@ -455,7 +417,7 @@ impl<'a> SceneView<'a> {
 
     /// Puts a ray into a placed tree; `None` if it certainly hits nothing there before `best`.
     #[inline]
-    fn enter(&self, ray: &Ray, placed: u32, best: f64, walk: &mut Walk) -> Option<At> {
+    fn enter(&self, ray: &Ray, placed: u64, best: f64, walk: &mut Walk) -> Option<At> {
         if self.seen_by(placed) & ray.mask == 0 {
             return None;
         }

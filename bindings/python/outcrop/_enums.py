@@ -555,7 +555,7 @@ class Buffer(enum.IntEnum):
     """3 floats: unit normal in world space with which the surface is shaded, see `Hit.shading_normal`. Miss: 0."""
     OCCURRENCE = 10
     """1 uint64_t: number of the place where the mesh of an instance was met, by a triangle or a stand-in, below
-    2^31; see `Hit.occurrence`. oc_scene_get_path returns the ids on the way there. It holds for the commit that
+    2^63; see `Hit.occurrence`. oc_scene_get_path returns the ids on the way there. It holds for the commit that
     the picture shows: after a later commit of the scene it may stand for another place, or for none. Miss:
     OC_NO_ID.
     """

@@ -34,7 +34,7 @@ use triangle::Triangles;
 pub(crate) struct InTree<'a> {
     pub view: &'a SceneView<'a>,
     /// Its index among the scene's placed trees.
-    pub number: u32,
+    pub number: u64,
     pub placed: &'a Placed,
 }
 
@@ -289,7 +289,7 @@ impl<const N: usize> Seen<N> {
                 hit.uv = uv;
             }
             if want.has(Want::INSTANCE) {
-                (hit.instance, hit.occurrence) = (instance, at.number.into());
+                (hit.instance, hit.occurrence) = (instance, at.number);
             }
         }
         let looked_at = if want.any_of(Want::SURFACE) { met } else { near_end | inside } & !rest.outside;
@@ -533,7 +533,7 @@ impl<const N: usize> Seen<N> {
 /// Returns the missing block that the answer to a hit needs: the hit's own block, or that of its normals or its
 /// primitive ids.
 #[cold]
-pub(super) fn lacking(view: &SceneView, placed: u32, hit: &TriHit, want: Want) -> Need {
+pub(super) fn lacking(view: &SceneView, placed: u64, hit: &TriHit, want: Want) -> Need {
     let tree = view.tree(placed);
     let is_triangle = hit.stand_in().is_none();
     let normals = || tree.normals(hit).err().filter(|_| is_triangle && want.has(Want::SHADING_NORMAL));

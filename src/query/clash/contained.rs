@@ -14,11 +14,11 @@ pub(super) fn search(task: &Task, found: &Found) -> Result<BTreeMap<PairKey, DVe
     // All parts of the sets, with their bounds in the world.
     let mut parts: Vec<(PartKey, DBounds, bool)> = Vec::new();
     for instance in 0..scene.instance_count() as u32 {
-        let model = scene.model_of_instance(instance);
+        let model = scene.model_of_instance(instance.into());
         for (part, info) in (0u32..).zip(model.parts().iter()) {
             let key = [instance, part];
             if info.triangles > 0 && !info.bounds.is_empty() && task.has(key) {
-                parts.push((key, info.bounds.transformed(&scene.world_from_model(instance)), info.is_closed));
+                parts.push((key, info.bounds.transformed(&scene.world_from_model(instance.into())), info.is_closed));
             }
         }
     }
@@ -37,9 +37,13 @@ pub(super) fn search(task: &Task, found: &Found) -> Result<BTreeMap<PairKey, DVe
     let mut points = Vec::new();
     for &inside in inner.keys() {
         let [instance, part] = parts[inside].0;
-        let first =
-            scene.model_of_instance(instance).read_part(part)?.next(1, task.cancel())?.first().map(|t| t.corners[0]);
-        let place = scene.world_from_model(instance);
+        let first = scene
+            .model_of_instance(instance.into())
+            .read_part(part)?
+            .next(1, task.cancel())?
+            .first()
+            .map(|t| t.corners[0]);
+        let place = scene.world_from_model(instance.into());
         points.push(first.map_or(DVec3::NAN, |corner| place.transform_point3(corner)));
     }
     let mut contained = BTreeMap::new();
@@ -48,7 +52,7 @@ pub(super) fn search(task: &Task, found: &Found) -> Result<BTreeMap<PairKey, DVe
         let (inside, outers) = &inner[at];
         for &outer in outers {
             let [a, b] = [parts[outer].0, parts[*inside].0];
-            if holders.iter().any(|&(instance, part, winding)| [instance, part] == a && winding != 0) {
+            if holders.iter().any(|&(instance, part, winding)| [instance as u32, part] == a && winding != 0) {
                 contained.insert(if a < b { [a, b] } else { [b, a] }, points[at]);
             }
         }

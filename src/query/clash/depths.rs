@@ -42,7 +42,7 @@ impl<'a> Depths<'a> {
     }
 
     fn bytes(&self, [instance, part]: PartKey) -> u64 {
-        let info = self.task.scene.model_of_instance(instance).parts().get(part as usize);
+        let info = self.task.scene.model_of_instance(instance.into()).parts().get(part as usize);
         Solid::bytes(info.map_or(0, |info| info.triangles))
     }
 

@@ -2,7 +2,7 @@
 
 use super::super::frames::Frames;
 use super::ClashDetail;
-use super::task::{PartKey, Task};
+use super::task::{PartKey, Task, key_of};
 use crate::geom::Sifted;
 use crate::geom::distances::apart_triangles;
 use crate::geom::pairs::{Relation, meeting, relate};
@@ -22,7 +22,7 @@ pub(super) type PairKey = [PartKey; 2];
 pub(super) struct Met {
     pub parts: PairKey,
     /// The placed tree of each triangle, and the place of its primitive id.
-    pub at: [(u32, Place); 2],
+    pub at: [(u64, Place); 2],
     pub relation: Relation,
     pub points: [DVec3; 2],
     /// The unit normal of the first triangle; 0 if it has no area.
@@ -159,7 +159,7 @@ impl<'a> Meeting<'a> {
         found: &'a mut Found,
         members: [[u32; 2]; 2],
     ) -> Self {
-        let placed = pair.map(|at| task.scene.placed(at));
+        let placed = pair.map(|at| task.scene.placed(at.into()));
         let selects = placed.iter().any(|p| task.scene.models[p.model as usize].local_parts(p.tree) > 1);
         let turns = placed.each_ref().map(|p| p.frame().matrix3.determinant().signum());
         Self { task, pair, placed, sides, frames, turns, found, last: None, members, selects }
@@ -168,7 +168,7 @@ impl<'a> Meeting<'a> {
     /// The parts of two triangles, and true if that of the second comes first.
     #[inline]
     fn parts(&self, (a, i): (&Opened, usize), (b, j): (&Opened, usize)) -> (PairKey, bool) {
-        let key = |placed: &Placed, part: u32| [placed.instance, placed.first_part.saturating_add(part)];
+        let key = |placed: &Placed, part: u32| key_of(placed, placed.first_part.saturating_add(part));
         let [x, y] = [key(&self.placed[0], a.rows.parts[i]), key(&self.placed[1], b.rows.parts[j])];
         if y < x { ([y, x], true) } else { ([x, y], false) }
     }
@@ -181,7 +181,7 @@ impl PairVisit for Meeting<'_> {
 
     fn may_want(&mut self, a: &PartsBelow, b: &PartsBelow) -> bool {
         if let (Some(x), Some(y)) = (a.one(), b.one()) {
-            let key = |placed: &Placed, part: u32| [placed.instance, placed.first_part.saturating_add(part)];
+            let key = |placed: &Placed, part: u32| key_of(placed, placed.first_part.saturating_add(part));
             return self.wants(key(&self.placed[0], x), key(&self.placed[1], y));
         }
         let [[a_first, a_second], [b_first, b_second]] = self.members;
@@ -258,7 +258,7 @@ impl Meeting<'_> {
         if self.task.options.detail == ClashDetail::Triangles {
             let places = [self.sides[0].tree.prim_place(&a.rows.hit(i)), self.sides[1].tree.prim_place(&b.rows.hit(j))];
             if let [Some(x), Some(y)] = places {
-                let [x, y] = [(self.pair[0], x), (self.pair[1], y)];
+                let [x, y] = [(self.pair[0].into(), x), (self.pair[1].into(), y)];
                 let at = if is_turned { [y, x] } else { [x, y] };
                 self.found.met.push(Met { parts, at, relation, points, normal });
                 self.found.keep(self.task.options.limit, false);

@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 /// Returns the primitive ids of both triangles of each pair.
 pub(super) fn of_triangles(scene: &SceneState, met: &[Met]) -> Result<Vec<[u64; 2]>> {
     // The places of each placed tree, in order.
-    let mut places: BTreeMap<u32, Vec<Place>> = BTreeMap::new();
+    let mut places: BTreeMap<u64, Vec<Place>> = BTreeMap::new();
     for (placed, place) in met.iter().flat_map(|met| met.at) {
         places.entry(placed).or_default().push(place);
     }
@@ -20,7 +20,7 @@ pub(super) fn of_triangles(scene: &SceneState, met: &[Met]) -> Result<Vec<[u64; 
         places.sort_unstable();
         places.dedup();
     });
-    let trees: Vec<u32> = places.keys().copied().collect();
+    let trees: Vec<u64> = places.keys().copied().collect();
     let found = sweep(scene, &trees, Policy::Exact, &|view, visit, left, known: &mut Vec<Option<u64>>| {
         // Nothing of the tree is visited.
         *left = Descent::default();
@@ -36,8 +36,8 @@ pub(super) fn of_triangles(scene: &SceneState, met: &[Met]) -> Result<Vec<[u64; 
         }
         lacking
     })?;
-    let of_tree: BTreeMap<u32, Vec<Option<u64>>> = trees.iter().copied().zip(found).collect();
-    let id = |(placed, place): (u32, Place)| {
+    let of_tree: BTreeMap<u64, Vec<Option<u64>>> = trees.iter().copied().zip(found).collect();
+    let id = |(placed, place): (u64, Place)| {
         let at = places[&placed].binary_search(&place).ok();
         at.and_then(|at| of_tree[&placed].get(at).copied().flatten()).unwrap_or(NONE)
     };

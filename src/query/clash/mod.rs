@@ -278,9 +278,9 @@ fn hand_out(
 /// The clash of a pair of parts, without its depth; `None` if they do not clash.
 fn of_parts(task: &Task, key: PairKey, facts: Option<&Facts>, inside: Option<&DVec3>) -> Option<Clash> {
     let info = key.map(|[instance, part]| {
-        let part = task.scene.model_of_instance(instance).parts().get(part as usize);
+        let part = task.scene.model_of_instance(instance.into()).parts().get(part as usize);
         (
-            task.scene.instance_id(instance),
+            task.scene.instance_id(instance.into()),
             part.as_ref().map_or(NONE, |part| part.id),
             part.is_none_or(|part| !part.is_closed),
         )

@@ -30,8 +30,8 @@ pub(super) fn search(task: &Task, pairs: &[[u32; 2]]) -> Result<Found> {
         let each = WALKS.div_ceil(pairs.len().max(1));
         let mut walk = PairWalk::default();
         for &pair in pairs {
-            let [a, b] = pair.map(|placed| view.tree(placed));
-            let members = pair.map(|at| task.bits_of(&scene.placed(at)));
+            let [a, b] = pair.map(|placed| view.tree(placed.into()));
+            let members = pair.map(|at| task.bits_of(&scene.placed(at.into())));
             let mut descent = PairDescent::new(&a, &b, pair[0] == pair[1]);
             if each > 1 {
                 let frames = frames(task, pair);
@@ -56,7 +56,7 @@ pub(super) fn search(task: &Task, pairs: &[[u32; 2]]) -> Result<Found> {
 }
 
 fn frames(task: &Task, pair: [u32; 2]) -> Frames {
-    let placed = pair.map(|at| task.scene.placed(at));
+    let placed = pair.map(|at| task.scene.placed(at.into()));
     Frames::new(placed.each_ref().map(|p| &**p), task.options.clearance)
 }
 
@@ -113,9 +113,9 @@ impl Walks<'_> {
             return None;
         }
         let view = SceneView::new(task.scene, snapshots, stamp);
-        piece.models = piece.pair.map(|at| task.scene.ids_of(at).model);
+        piece.models = piece.pair.map(|at| task.scene.ids_of(at.into()).model);
         let frames = frames(task, piece.pair);
-        let [a, b] = piece.pair.map(|at| view.tree(at));
+        let [a, b] = piece.pair.map(|at| view.tree(at.into()));
         let sides = [PairSide { tree: a, frame: &frames.of[0] }, PairSide { tree: b, frame: &frames.of[1] }];
         let context = task.scene.context();
         let mut walk = context.take_scratch::<PairWalk>();

@@ -44,7 +44,7 @@ impl<'a> Rules<'a> {
             return false;
         }
         let of = |at: [u32; 2]| {
-            let model = self.scene.model_of_instance(at[0]);
+            let model = self.scene.model_of_instance(at[0].into());
             (model, model.parts())
         };
         let ((model_a, parts_a), (model_b, parts_b)) = (of(a), of(b));

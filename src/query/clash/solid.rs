@@ -51,7 +51,8 @@ impl Solid {
 
     /// Reads a part.
     pub fn read(scene: &SceneState, [instance, part]: PartKey, cancel: &Cancel) -> Result<Self> {
-        let (model, world_from_model) = (scene.model_of_instance(instance), scene.world_from_model(instance));
+        let (model, world_from_model) =
+            (scene.model_of_instance(instance.into()), scene.world_from_model(instance.into()));
         let info = model.parts().get(part as usize);
         let placed = info.as_ref().map_or(DBounds::EMPTY, |info| info.bounds.transformed(&world_from_model));
         let origin = rounded((placed.min + placed.max) * 0.5, (placed.max - placed.min).max_element());

@@ -10,8 +10,13 @@ use crate::scene::SceneState;
 use crate::scene::placed::Placed;
 use std::borrow::Cow;
 
-/// A part of an instance, by the indices of both.
+/// A part of an instance, by the indices of both: [`Members`] bounds the number of instances.
 pub(super) type PartKey = [u32; 2];
+
+/// The part of a placed tree's model.
+pub(super) fn key_of(placed: &Placed, part: u32) -> PartKey {
+    [placed.instance as u32, part]
+}
 
 pub(super) struct Task<'a> {
     pub scene: &'a SceneState,
@@ -53,7 +58,7 @@ impl<'a> Task<'a> {
 
     /// True if a part is in the first set, and another in the second one.
     pub fn is_in_order(&self, x: PartKey, y: PartKey) -> bool {
-        self.a.has(x[0], x[1]) && self.b().has(y[0], y[1])
+        self.a.has(x[0].into(), x[1]) && self.b().has(y[0].into(), y[1])
     }
 
     /// True if a pair of parts is compared, in either order.
@@ -68,7 +73,7 @@ impl<'a> Task<'a> {
 
     /// True if a part is in one of the sets and visible.
     pub fn has(&self, x: PartKey) -> bool {
-        (self.a.has(x[0], x[1]) || self.b().has(x[0], x[1])) && self.is_shown(x)
+        (self.a.has(x[0].into(), x[1]) || self.b().has(x[0].into(), x[1])) && self.is_shown(x)
     }
 
     /// The members of both sets among the parts of a placed tree, as bits of its local parts (`lod::summary_bit`).
@@ -78,13 +83,13 @@ impl<'a> Task<'a> {
     }
 
     fn is_shown(&self, [instance, part]: PartKey) -> bool {
-        let it = self.scene.state_of(instance);
+        let it = self.scene.state_of(instance.into());
         it.look.visible && !it.parts.looks.hides(part)
     }
 
     /// Returns the pairs of placed trees that may have pairs of parts within the clearance of each other, in order.
     pub fn tree_pairs(&self) -> Vec<[u32; 2]> {
-        let placed: Vec<Cow<Placed>> = self.scene.all_placed().collect();
+        let placed: Vec<Cow<Placed>> = (0..self.scene.placement.len()).map(|at| self.scene.placed(at)).collect();
         let count = |p: &Placed| self.scene.models[p.model as usize].local_parts(p.tree);
         let any = |members: &Members, p: &Placed| members.has_any(p.instance, p.first_part, count(p));
         // Which of both sets each tree may have parts of.
@@ -98,7 +103,7 @@ impl<'a> Task<'a> {
         let mut pairs = Vec::new();
         near_pairs(placed.iter().map(|p| p.bounds), &may, self.options.clearance, |x, y| {
             // The pair of parts decides where each tree has one.
-            let part = |p: &Placed| (count(p) == 1).then_some([p.instance, p.first_part]);
+            let part = |p: &Placed| (count(p) == 1).then_some(key_of(p, p.first_part));
             let is_wanted = match (part(&placed[x]), part(&placed[y])) {
                 (Some(a), Some(b)) => self.wants(a, b),
                 _ => true,

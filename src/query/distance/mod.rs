@@ -104,7 +104,7 @@ impl SceneState {
     }
 
     /// Reads the primitive ids at places of placed trees.
-    fn prims_of(&self, places: [(u32, Place); 2]) -> Result<[u64; 2]> {
+    fn prims_of(&self, places: [(u64, Place); 2]) -> Result<[u64; 2]> {
         let found = sweep(self, &places.map(|it| it.0), Policy::Exact, &|view, visit, left, prim: &mut u64| {
             // Nothing of the tree is visited.
             *left = Descent::default();

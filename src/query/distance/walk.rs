@@ -9,8 +9,8 @@ use super::super::frames::Frames;
 use crate::geom::triangle_triangle;
 use crate::math::{DBounds, bits};
 use crate::scene::SceneState;
+use crate::scene::frame::Target;
 use crate::scene::placed::Placed;
-use crate::scene::top::{NodeRef, Target};
 use crate::scene::walk::SceneView;
 use crate::structure::nearest::{PointFrame, at_most, greater, lesser, positive, sort_nearest_last, triangle_of};
 use crate::structure::{COLUMNS, Lanes, Place, Rooted, Rows, Tree};
@@ -21,9 +21,9 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum At {
     /// A node of the tree over placed trees.
-    Top(NodeRef),
+    Top(Target),
     /// A place of a placed tree, and true if only triangles are below it.
-    In(u32, Place, bool),
+    In(u64, Place, bool),
 }
 
 /// A pair of places, and a bound of the squared distance between all that is there.
@@ -38,9 +38,9 @@ pub(super) struct Entry {
 /// A triangle of the nearest two.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Side {
-    pub placed: u32,
+    pub placed: u64,
     /// Index of the instance, and of the part in its model.
-    pub instance: u32,
+    pub instance: u64,
     pub part: u32,
     /// The place of its primitive id.
     pub prim_at: Place,
@@ -136,7 +136,7 @@ pub(super) struct Scratch {
 
 /// The placed trees that a walk is in.
 struct Pair<'a> {
-    placed: [u32; 2],
+    placed: [u64; 2],
     trees: [Tree<'a>; 2],
     frames: [PointFrame; 2],
     origin: DVec3,
@@ -158,7 +158,7 @@ pub(super) struct Rest {
 impl Rest {
     /// A walk through both sets.
     pub fn new(sets: [&Among; 2]) -> Self {
-        let [a, b] = sets.map(|set| (set.top().root(), *set.top().around()));
+        let [a, b] = sets.map(|set| (set.root(), *set.around()));
         let root = a.0.zip(b.0).map(|(x, y)| Entry {
             squared: a.1.squared_distance(&b.1),
             at: [At::Top(x), At::Top(y)],
@@ -257,7 +257,7 @@ impl<'a> Walker<'a> {
         }
     }
 
-    fn enter(&self, placed: [u32; 2]) -> Pair<'a> {
+    fn enter(&self, placed: [u64; 2]) -> Pair<'a> {
         let made = placed.map(|index| self.scene().placed(index));
         let of = made.each_ref().map(|p| &**p);
         let origin = Frames::new(of, 0.0).origin;
@@ -280,10 +280,10 @@ impl<'a> Walker<'a> {
     pub fn below_top(&self, entry: &Entry, out: &mut Vec<Entry>) {
         let bottom = out.len();
         let below = |i: usize| match entry.at[i] {
-            At::Top(node) => match node.target() {
-                Target::Inner(index) => {
+            At::Top(target) => match target {
+                Target::Inner(node) => {
                     let mut children = Vec::new();
-                    self.sets[i].top().children(index, |child, bounds| children.push((At::Top(child), bounds)));
+                    self.sets[i].children(node, |child, bounds| children.push((At::Top(child), bounds)));
                     children
                 }
                 Target::Placed(index) => {
@@ -470,7 +470,7 @@ fn opened_sides(is_self: bool, entry: &Entry) -> [bool; 2] {
 }
 
 /// The blocks that an entry in placed trees needs next.
-pub(super) fn needed(is_self: bool, entry: &Entry) -> impl Iterator<Item = (u32, u32)> {
+pub(super) fn needed(is_self: bool, entry: &Entry) -> impl Iterator<Item = (u64, u32)> {
     let opens = opened_sides(is_self, entry);
     (0..2).filter(move |&i| opens[i]).filter_map({
         let at = entry.at;
@@ -482,7 +482,7 @@ pub(super) fn needed(is_self: bool, entry: &Entry) -> impl Iterator<Item = (u32,
 }
 
 #[inline(always)]
-fn child(placed: u32, opened: &Opened, lane: usize) -> At {
+fn child(placed: u64, opened: &Opened, lane: usize) -> At {
     At::In(placed, opened.rows.places[lane], opened.rows.is_leaf_below(lane))
 }
 

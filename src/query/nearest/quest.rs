@@ -128,7 +128,7 @@ impl<I: Iterator<Item = (u32, Option<Piece>)>> Op for Walk<'_, '_, I> {
                 }
                 None => {
                     scratch.best.begin(batch.limit());
-                    let root = batch.among.top().root();
+                    let root = batch.among.root();
                     scratch.stack.extend(root.map(|root| Entry { squared: 0.0, at: At::Top(root) }));
                 }
             }

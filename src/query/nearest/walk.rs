@@ -5,8 +5,8 @@ use super::super::among::Among;
 use crate::geom::point_triangle;
 use crate::math::bits;
 use crate::scene::SceneState;
+use crate::scene::frame::Target;
 use crate::scene::placed::Placed;
-use crate::scene::top::{NodeRef, Target};
 use crate::scene::walk::SceneView;
 use crate::structure::nearest::{PointFrame, at_most, sort_nearest_last, squared_to_triangles, triangle_of};
 use crate::structure::{Place, Rooted, Rows, Tree, TriHit};
@@ -22,17 +22,17 @@ pub(super) struct Entry {
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum At {
-    /// A node of the tree over placed trees.
-    Top(NodeRef),
+    /// A node of the tree over placed trees, or a placed tree.
+    Top(Target),
     /// A place of a placed tree.
-    In(u32, Place),
+    In(u64, Place),
 }
 
 /// A triangle that may be the nearest one.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Candidate {
-    /// Index of the placed tree.
-    pub placed: u32,
+    /// Number of the placed tree.
+    pub placed: u64,
     /// Index of the part in its model.
     pub part: u32,
     /// The place of its primitive id, and the id once it is known: `u64::MAX` if there is none.
@@ -77,7 +77,7 @@ pub(super) struct Scratch {
 
 /// The placed tree that a walk is in.
 struct Inside<'a> {
-    index: u32,
+    index: u64,
     placed: Cow<'a, Placed>,
     tree: Tree<'a>,
     frame: PointFrame,
@@ -124,7 +124,7 @@ impl<'a> Walker<'a> {
     }
 
     #[inline(always)]
-    fn enter(&self, index: u32, p: DVec3, best: f64) -> Inside<'a> {
+    fn enter(&self, index: u64, p: DVec3, best: f64) -> Inside<'a> {
         let placed = self.scene().placed(index);
         let frame = PointFrame::new(placed.frame_around(p), placed.local_point(p), [placed.shrink(), placed.stretch]);
         let slack = slack_of(&placed, p);
@@ -138,14 +138,14 @@ impl<'a> Walker<'a> {
         let Scratch { best, stack, left, rows } = scratch;
         let mut inside: Option<Inside> = None;
         // Boxes around placed trees are rounded outward, but the distances to triangles are rounded too.
-        let around = self.among.top().around();
+        let around = self.among.around();
         let far = (around.max - p).abs().max((around.min - p).abs()).length();
         let top_slack = self.slack + far * 1e-12;
         while let Some(entry) = stack.pop() {
             match entry.at {
-                At::Top(node) => {
+                At::Top(target) => {
                     if entry.squared <= limit(best.squared, top_slack) {
-                        self.open_top::<BOXES>(p, node, best, stack);
+                        self.open_top::<BOXES>(p, target, best, stack);
                     }
                 }
                 At::In(index, place) => {
@@ -171,8 +171,8 @@ impl<'a> Walker<'a> {
     }
 
     /// Puts the children of a node over placed trees on the stack.
-    fn open_top<const BOXES: bool>(&self, p: DVec3, node: NodeRef, best: &mut Best, stack: &mut Vec<Entry>) {
-        match node.target() {
+    fn open_top<const BOXES: bool>(&self, p: DVec3, target: Target, best: &mut Best, stack: &mut Vec<Entry>) {
+        match target {
             Target::Placed(index) if self.among.enters(index) => {
                 let placed = self.scene().placed(index);
                 if BOXES && self.among.is_whole(index) {
@@ -185,9 +185,9 @@ impl<'a> Walker<'a> {
                 );
             }
             Target::Placed(_) => {}
-            Target::Inner(index) => {
+            Target::Inner(node) => {
                 let bottom = stack.len();
-                self.among.top().children(index, |child, bounds| {
+                self.among.children(node, |child, bounds| {
                     stack.push(Entry { squared: bounds.squared_distance_to(p), at: At::Top(child) });
                 });
                 sort_nearest_last(&mut stack[bottom..], |entry| entry.squared);
@@ -245,7 +245,7 @@ impl<'a> Walker<'a> {
         if squared == best.squared
             && let Some(other) = best.ties.first()
         {
-            let instance = |placed: u32| self.scene().ids_of(placed).instance;
+            let instance = |placed: u64| self.scene().ids_of(placed).instance;
             let (own, other) = ((now.placed.instance, part), (instance(other.placed), other.part));
             if own > other {
                 return;

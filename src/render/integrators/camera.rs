@@ -17,7 +17,7 @@ pub(super) struct Begun {
     bundle: Box<Bundle>,
     /// Mask of the packets that were begun, and the placed tree of each.
     begun: u32,
-    placed: [u32; BUNDLE],
+    placed: [u64; BUNDLE],
     entered: Vec<Entered>,
 }
 
@@ -28,7 +28,7 @@ pub(super) struct Met {
     /// Rays that entered a stand-in before the hit or the miss, and perhaps rays that were not traced.
     pub behind_cells: u32,
     /// The placed tree that all hits are in: they are in the scratch's `group`. `None`: they are in its `found`.
-    pub only: Option<u32>,
+    pub only: Option<u64>,
 }
 
 impl Met {
@@ -61,7 +61,7 @@ impl<'v> Direct<'v> {
     }
 
     /// True if rays with a common origin begin near a placed tree. Others are tested when they enter it.
-    fn is_near(&self, placed: u32, rays: &CameraPacket) -> bool {
+    fn is_near(&self, placed: u64, rays: &CameraPacket) -> bool {
         rays.eye().is_none_or(|eye| !self.view.scene.placed(placed).is_far(eye))
     }
 

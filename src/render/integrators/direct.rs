@@ -270,7 +270,7 @@ impl Direct<'_> {
     }
 
     /// Returns the caller's ids of a part and its instance.
-    pub(super) fn ids(&self, placed: u32, part: u32) -> (u64, u64) {
+    pub(super) fn ids(&self, placed: u64, part: u32) -> (u64, u64) {
         let scene = self.view.scene;
         let instance = scene.ids_of(placed).instance;
         let id = self.view.model_of(placed).parts().id(part as usize).unwrap_or(NONE);
@@ -294,14 +294,14 @@ impl Direct<'_> {
     }
 
     /// True if a part or its instance overrides the part's colour.
-    pub(super) fn recoloured(&self, placed: u32, part: u32) -> bool {
+    pub(super) fn recoloured(&self, placed: u64, part: u32) -> bool {
         let p = self.view.scene.ids_of(placed);
         let instance = self.view.scene.state_of(p.instance);
         instance.look.colour.is_some() || instance.parts.looks.coloured.get(&part).is_some_and(|s| s.colour.is_some())
     }
 
     /// Returns the part's material, under the states of part and instance, and true if it is selected.
-    pub(super) fn material(&self, placed: u32, part: u32) -> (Material, bool) {
+    pub(super) fn material(&self, placed: u64, part: u32) -> (Material, bool) {
         let p = self.view.scene.ids_of(placed);
         let instance = self.view.scene.state_of(p.instance);
         let info = self.view.model_of(placed).parts().get(part as usize);

@@ -337,7 +337,7 @@ impl Direct<'_> {
         if self.asks.ids {
             bits(note).for_each(|i| {
                 (first.part[i], first.instance[i]) = self.ids(one.at.number, surfaces.part[i]);
-                first.occurrence[i] = one.at.number.into();
+                first.occurrence[i] = one.at.number;
             });
         }
         if self.asks.precise {

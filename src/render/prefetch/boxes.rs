@@ -4,6 +4,7 @@ use super::Lacking;
 use crate::base::ids::BlockId;
 use crate::math::{Bounds, DBounds};
 use crate::scene::SceneState;
+use crate::scene::frame::Search;
 use crate::scene::walk::SceneView;
 use crate::structure::{Below, Place};
 use std::collections::HashSet;
@@ -13,20 +14,22 @@ pub(super) struct InBox {
     bounds: DBounds,
     /// Cells of at most this length (world units) are skipped, with the nodes below them.
     cell: f64,
-    /// True once the root cells are in `todo`.
+    /// True once the search for placed trees has begun.
     is_begun: bool,
+    /// The placed trees that are still to be visited.
+    search: Search,
     /// Cells to visit in this pass.
     todo: Vec<Cell>,
     /// Visited cells with a missing block.
     waiting: Vec<Cell>,
     /// Leaf blocks that were requested, each with its placed tree.
-    leaf_blocks: HashSet<(u32, u32)>,
+    leaf_blocks: HashSet<(u64, u32)>,
 }
 
 /// A cell of a placed tree.
 #[derive(Clone, Copy)]
 struct Cell {
-    placed: u32,
+    placed: u64,
     place: Place,
     /// Length in world units.
     length: f32,
@@ -39,7 +42,8 @@ const PIECE: usize = 4096;
 
 impl InBox {
     pub fn new(bounds: DBounds, cell: f64) -> Self {
-        Self { bounds, cell, is_begun: false, todo: Vec::new(), waiting: Vec::new(), leaf_blocks: HashSet::new() }
+        let (search, todo, waiting, leaf_blocks) = (Search::default(), Vec::new(), Vec::new(), HashSet::new());
+        Self { bounds, cell, is_begun: false, search, todo, waiting, leaf_blocks }
     }
 
     pub fn begin(&mut self, scene: &SceneState) {
@@ -47,20 +51,29 @@ impl InBox {
             return self.todo.append(&mut self.waiting);
         }
         self.is_begun = true;
-        for (i, placed) in scene.all_placed().enumerate() {
-            let length = longest(&placed.bounds);
-            if self.bounds.overlaps(&placed.bounds) && length > self.cell {
+        self.search = Search::begin(scene);
+    }
+
+    /// The next cell to visit: one that was queued, or else the root of the next placed tree.
+    fn next(&mut self, scene: &SceneState) -> Option<Cell> {
+        let Self { bounds, cell, search, todo, .. } = self;
+        let is_near = |b: &DBounds| bounds.overlaps(b) && longest(b) > *cell;
+        while todo.is_empty() {
+            let number = search.next(scene, is_near)?;
+            let placed = scene.placed(number);
+            if is_near(&placed.bounds) {
                 let root = scene.models[placed.model as usize].trees()[placed.tree as usize].root();
-                let cell = |place| Cell { placed: i as u32, place, length: length as f32, is_leaf: false };
-                self.todo.extend(root.map(cell));
+                let length = longest(&placed.bounds) as f32;
+                todo.extend(root.map(|place| Cell { placed: number, place, length, is_leaf: false }));
             }
         }
+        todo.pop()
     }
 
     /// Visits up to [`PIECE`] cells. Returns true if there is more to visit in this pass.
     pub fn step(&mut self, view: &SceneView, lacking: &mut Lacking) -> bool {
         for _ in 0..PIECE {
-            let Some(cell) = self.todo.pop() else { return false };
+            let Some(cell) = self.next(view.scene) else { return false };
             if !self.visit(view, cell) {
                 lacking.add(view.need(cell.placed, BlockId(cell.place.block)), cell.length);
                 self.waiting.push(cell);

@@ -1,0 +1,228 @@
+//! Scenes in scenes, as rays and searches enter them: the top trees of all levels as one tree, whose leaves are placed
+//! trees. Nothing is stored for it: a scene's tree is the same in all places.
+
+use super::placed::Placed;
+use super::placement::{Member, PlacedScene};
+use super::state::SceneState;
+use crate::math::DBounds;
+use crate::structure::{MemberChild, Members};
+use glam::DAffine3;
+use std::borrow::Cow;
+
+/// A node of a top tree.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct NodeRef {
+    /// The number of the first placed tree of its scene, and how many scenes are around that.
+    first: u64,
+    level: u32,
+    node: u32,
+}
+
+/// The child of a node.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Target {
+    Inner(NodeRef),
+    /// A placed tree, by its number.
+    Placed(u64),
+}
+
+/// A scene in another, at any depth, or that one itself.
+#[derive(Clone, Copy)]
+pub(super) struct Frame<'a> {
+    pub scene: &'a SceneState,
+    /// `None`: it is the outermost one.
+    pub world_from_scene: Option<DAffine3>,
+    /// The number of its first placed tree.
+    pub first: u64,
+    /// Number of scenes around it.
+    pub level: u32,
+}
+
+/// What a scene leads to, if scenes with one member are passed by.
+pub(super) enum Fork<'a> {
+    /// A scene with several members.
+    Several(Frame<'a>),
+    /// A placed tree, by its number.
+    Placed(u64),
+}
+
+impl<'a> Frame<'a> {
+    pub fn outermost(scene: &'a SceneState) -> Self {
+        Self { scene, world_from_scene: None, first: 0, level: 0 }
+    }
+
+    /// The scene with placed tree `number` that has so many scenes around it.
+    pub fn with(scene: &'a SceneState, level: u32, number: u64) -> Self {
+        let inner = |frame: Self, _| frame.inside(frame.scene.placement.scene_with(number - frame.first));
+        (0..level).fold(Self::outermost(scene), inner)
+    }
+
+    /// A scene in this one.
+    pub fn inside(&self, it: &'a PlacedScene) -> Self {
+        let map = self.world_from_scene.map_or(it.world_from_scene, |outer| outer * it.world_from_scene);
+        Self { scene: &it.scene, world_from_scene: Some(map), first: self.first + it.first, level: self.level + 1 }
+    }
+
+    /// The tree over its members, if it has more than one, and the frame of the boxes there.
+    #[inline]
+    pub fn walked(&self) -> Option<(&'a Members, Cow<'a, Placed>)> {
+        let (members, boxes) = self.scene.placement.top.walked()?;
+        let boxes = match &self.world_from_scene {
+            None => Cow::Borrowed(boxes),
+            Some(map) => Cow::Owned(boxes.inside(map)),
+        };
+        Some((members, boxes))
+    }
+
+    /// The first member of scenes that have no other: the scene with several, or the placed tree; `None`: there is
+    /// nothing.
+    pub fn first_fork(mut self) -> Option<Fork<'a>> {
+        loop {
+            match self.scene.placement.top.root()? {
+                MemberChild::Node(_) => return Some(Fork::Several(self)),
+                MemberChild::Member(member) => match self.scene.placement.member(member) {
+                    Member::Placed(number) => return Some(Fork::Placed(self.first + u64::from(number))),
+                    Member::Scene(it) => self = self.inside(it),
+                },
+            }
+        }
+    }
+
+    /// The member or node that a child leads to; `None`: there is nothing below.
+    fn target(mut self, mut child: MemberChild) -> Option<Target> {
+        loop {
+            let member = match child {
+                MemberChild::Node(node) => {
+                    return Some(Target::Inner(NodeRef { first: self.first, level: self.level, node }));
+                }
+                MemberChild::Member(member) => member,
+            };
+            match self.scene.placement.member(member) {
+                Member::Placed(number) => return Some(Target::Placed(self.first + u64::from(number))),
+                Member::Scene(it) => self = self.inside(it),
+            }
+            child = self.scene.placement.top.root()?;
+        }
+    }
+
+    /// The root of its tree; `None`: there is nothing in it.
+    fn root(self) -> Option<Target> {
+        self.target(self.scene.placement.top.root()?)
+    }
+
+    /// Bounds in the world of a box of the scene, rounding included.
+    pub fn bounds_in_world(&self, b: DBounds) -> DBounds {
+        self.world_from_scene.map_or(b, |map| placed_bounds(&b, &map))
+    }
+
+    /// Calls `visit` with the children of a node, at most eight, and their boxes in the world.
+    #[inline]
+    fn children(self, node: u32, mut visit: impl FnMut(Target, DBounds)) {
+        self.scene.placement.top.children(node, |child, bounds| {
+            if let Some(target) = self.target(child) {
+                visit(target, self.bounds_in_world(bounds));
+            }
+        });
+    }
+}
+
+/// Bounds of a box that was placed elsewhere, rounding included.
+fn placed_bounds(b: &DBounds, map: &DAffine3) -> DBounds {
+    if b.is_empty() {
+        return *b;
+    }
+    let size = b.min.abs().max(b.max.abs());
+    // The slack covers a few roundings of each coordinate's terms.
+    let slack = (map.translation.abs() + map.matrix3.abs() * size) * (16.0 * f64::EPSILON);
+    let placed = b.transformed(map);
+    DBounds { min: placed.min - slack, max: placed.max + slack }
+}
+
+/// Bounds of all that rays may hit in a scene that is placed in another. They are those of the boxes below the root of
+/// its tree: around a turned scene they are tighter than around its box.
+pub(super) fn bounds_of_scene(scene: &SceneState, map: &DAffine3) -> DBounds {
+    let top = &scene.placement.top;
+    let Some(MemberChild::Node(root)) = top.root() else { return placed_bounds(top.around(), map) };
+    let mut all = DBounds::EMPTY;
+    top.children(root, |_, b| all = all.union(placed_bounds(&b, map)));
+    all
+}
+
+impl SceneState {
+    /// The root of the trees over placed trees of all levels; `None`: there is nothing to hit.
+    #[inline]
+    pub(crate) fn root(&self) -> Option<Target> {
+        Frame::outermost(self).root()
+    }
+
+    /// Calls `visit` with the children of a node, at most eight, and boxes around all that rays may hit there.
+    #[inline]
+    pub(crate) fn children(&self, node: NodeRef, visit: impl FnMut(Target, DBounds)) {
+        Frame::with(self, node.level, node.first).children(node.node, visit);
+    }
+
+    /// The placed trees that are not in boxes outside of what `enters` accepts, in no order. It gets boxes around all
+    /// that rays may hit.
+    pub(crate) fn placed_in(&self, enters: impl Fn(&DBounds) -> bool) -> impl Iterator<Item = u64> {
+        let mut search = Search::begin(self);
+        std::iter::from_fn(move || search.next(self, &enters))
+    }
+}
+
+/// A search for placed trees, from the root down.
+#[derive(Debug, Default)]
+pub(crate) struct Search(Vec<Target>);
+
+impl NodeRef {
+    /// The node in its tree.
+    pub fn node(self) -> u32 {
+        self.node
+    }
+}
+
+impl From<MemberChild> for Target {
+    /// The target in a tree whose members are placed trees, by their numbers.
+    fn from(child: MemberChild) -> Self {
+        match child {
+            MemberChild::Node(node) => Self::Inner(NodeRef { first: 0, level: 0, node }),
+            MemberChild::Member(number) => Self::Placed(number.into()),
+        }
+    }
+}
+
+impl Search {
+    pub fn begin(scene: &SceneState) -> Self {
+        Self(scene.root().into_iter().collect())
+    }
+
+    /// Begins in one of the scenes in a scene.
+    pub(super) fn in_scene(scene: &SceneState, index: usize) -> Self {
+        let inner = Frame::outermost(scene).inside(&scene.placement.scenes[index]);
+        Self(inner.root().into_iter().collect())
+    }
+
+    /// Begins again.
+    pub fn restart(&mut self, scene: &SceneState) {
+        self.0.clear();
+        self.0.extend(scene.root());
+    }
+
+    /// Ends the search.
+    pub fn end(&mut self) {
+        self.0.clear();
+    }
+
+    /// The next placed tree in boxes that `enters` accepts.
+    pub fn next(&mut self, scene: &SceneState, mut enters: impl FnMut(&DBounds) -> bool) -> Option<u64> {
+        loop {
+            match self.0.pop()? {
+                Target::Placed(placed) => return Some(placed),
+                Target::Inner(node) => scene.children(node, |child, bounds| {
+                    if enters(&bounds) {
+                        self.0.push(child);
+                    }
+                }),
+            }
+        }
+    }
+}
