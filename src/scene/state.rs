@@ -245,8 +245,8 @@ impl SceneState {
         InstanceIds { placement: &self.placement, index }
     }
 
-    /// Bounds of all instances, hidden ones too, in world space; empty if there are none. Where scenes are in it they may
-    /// be larger, by up to a thousandth of their extent on each side.
+    /// Bounds of all instances, hidden ones too, in world space; empty if there are none. Where scenes are in it they
+    /// may be larger, by up to a thousandth of their extent on each side.
     pub fn bounds(&self) -> DBounds {
         let of_own = || (0..self.placement.len()).map(|number| self.placed(number).bounds);
         *self.placement.bounds.get_or_init(|| match self.placement.scenes.is_empty() {

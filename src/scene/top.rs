@@ -74,8 +74,8 @@ impl TopTree {
     /// Upper bound of the bytes of memory for each member, while the tree is built.
     pub const BYTES_EACH: usize = Members::BYTES_EACH;
 
-    /// Builds the tree over `bounds`, the numbers of members, below 2^31, and their boxes, and leaves out empty ones. The
-    /// same input gives the same tree. Fails with `NoMemory`.
+    /// Builds the tree over `bounds`, the numbers of members, below 2^31, and their boxes, and leaves out empty ones.
+    /// The same input gives the same tree. Fails with `NoMemory`.
     pub fn build(mut bounds: Vec<(u32, DBounds)>) -> Result<Self> {
         bounds.retain(|it| !it.1.is_empty());
         let around = bounds.iter().fold(DBounds::EMPTY, |all, it| all.union(it.1));
