@@ -154,6 +154,33 @@ fn triangles_that_a_small_file_repeats_count() {
     assert_eq!((report.triangles_in, report.degenerate), (300_000, 300_000));
 }
 
+/// Many nodes of a small file name one list of instances.
+#[test]
+fn instances_that_a_small_file_repeats_count() {
+    let dir = tempfile::tempdir().expect("a folder");
+    let (path, out) = (dir.path().join("a.gltf"), dir.path().join("m.oc"));
+    let instanced = json!({ "EXT_mesh_gpu_instancing": { "attributes": { "TRANSLATION": 1 } } });
+    let corners: Vec<u8> = [0f32, 0., 0., 1., 0., 0., 0., 1., 0.].iter().flat_map(|x| x.to_le_bytes()).collect();
+    let gltf = json!({
+        "asset": { "version": "2.0" }, "nodes": vec![json!({ "mesh": 0, "extensions": instanced }); 60],
+        "meshes": [{ "primitives": [{ "attributes": { "POSITION": 0 } }] }],
+        "accessors": [
+            { "bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3" },
+            { "componentType": 5126, "count": 2500, "type": "VEC3" },
+        ],
+        "bufferViews": [{ "buffer": 0, "byteLength": 36 }], "buffers": [{ "byteLength": 36, "uri": "b.bin" }],
+    });
+    fs::write(&path, gltf.to_string()).expect("a file");
+    fs::write(dir.path().join("b.bin"), corners).expect("a file");
+    let options = |memory_budget| BuildOptions { memory_budget, ..Default::default() };
+    let error = build(&path, &out, options(32 << 20)).expect_err("too many");
+    let Error::OverBudget { what, need, have } = &error else { panic!("{error}") };
+    assert!(what.contains("60 parts") && what.contains("150000 instances"), "{what}");
+    assert_eq!(*have, 32 << 20);
+    let report = build(&path, &out, options(*need)).expect("the budget that the error names");
+    assert_eq!((report.instances, report.triangles_in), (150_000, 1));
+}
+
 #[test]
 fn paths_are_trusted_by_an_option_alone() {
     let dir = models();

@@ -21,6 +21,7 @@ struct Counter {
     parts: u32,
     materials: u32,
     meshes: u32,
+    instances: u64,
     cancel: Cancel,
     cancel_at_once: bool,
     cancel_at_part: bool,
@@ -52,6 +53,10 @@ impl Sink for Counter {
         if self.fail_at_once { Err(Error::BadState("the sink is full".into())) } else { Ok(()) }
     }
     fn instance(&mut self, _: MeshKey, _: DAffine3, _: PartKey) -> Result<()> {
+        self.instances += 1;
+        if self.cancel_at_once {
+            self.cancel.cancel();
+        }
         Ok(())
     }
     fn at(&mut self, bytes: u64, total: u64) {
@@ -138,6 +143,50 @@ fn claims_take_no_memory() {
         assert!(matches!(error, Error::Parse { .. }), "{name}: {error}");
         assert!(most < FIXED, "{name}: {most} bytes held for: {error}");
     }
+}
+
+/// Returns a file with `nodes` nodes that name one accessor of `count` translations of instances.
+fn instances(nodes: usize, count: usize) -> Vec<u8> {
+    let node = "{\"mesh\":0,\"extensions\":{\"EXT_mesh_gpu_instancing\":{\"attributes\":{\"TRANSLATION\":1}}}}";
+    let corners = [0.0f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0].map(f32::to_le_bytes).concat();
+    let bytes = [corners, vec![0; 12 * count]].concat();
+    let accessor =
+        |view, n| format!("{{\"bufferView\":{view},\"componentType\":5126,\"type\":\"VEC3\",\"count\":{n}}}");
+    let view = |at, len| format!("{{\"buffer\":0,\"byteOffset\":{at},\"byteLength\":{len}}}");
+    let mut json = format!(
+        "{{\"asset\":{{\"version\":\"2.0\"}},\"nodes\":[{}],\"meshes\":[{{\"primitives\":[{{\"attributes\":\
+         {{\"POSITION\":0}}}}]}}],\"accessors\":[{},{}],\"bufferViews\":[{},{}],\"buffers\":[{{\"byteLength\":{}}}]}}",
+        vec![node; nodes].join(","),
+        accessor(0, 3),
+        accessor(1, count),
+        view(0, 36),
+        view(36, 12 * count),
+        bytes.len()
+    );
+    json += &" ".repeat(json.len().next_multiple_of(4) - json.len());
+    let word = |n: usize| (n as u32).to_le_bytes();
+    let head = [b"glTF", &word(2)[..], &word(28 + json.len() + bytes.len())].concat();
+    [&head[..], &word(json.len()), b"JSON", json.as_bytes(), &word(bytes.len()), b"BIN\0", &bytes].concat()
+}
+
+/// A file of 250 KB can have more instances than memory has bytes, because its nodes may name one list of them. Its
+/// reader kept a transform for each.
+#[test]
+fn instances_that_nodes_repeat_take_no_memory() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let path = folder.path().join("a.glb");
+    let file = instances(50, 20_000);
+    std::fs::write(&path, &file).expect("a file");
+    let mut sink = Counter::default();
+    let (outcome, most) = thread_memory::peak(|| read(&path, &mut sink));
+    outcome.expect("it is valid");
+    assert_eq!((sink.instances, sink.meshes, sink.triangles), (1_000_000, 1, 1));
+    println!("{} bytes, {most} held", file.len());
+    assert!(most < FIXED + 2 * file.len() as u64, "{most} bytes for a file of {}", file.len());
+    // A cancel is heard at the next instance.
+    let mut sink = Counter { cancel_at_once: true, ..Counter::default() };
+    assert!(matches!(read(&path, &mut sink), Err(Error::Cancelled)));
+    assert!(sink.instances <= 1, "{} instances after the cancel", sink.instances);
 }
 
 /// One file of each format with more triangles than a batch.

@@ -181,8 +181,9 @@ pub struct ReadOptions {
     pub inputs: Inputs,
     /// Counts the bytes of scratch files.
     pub quota: Quota,
-    /// Counts the bytes of a reader's tables: names of OBJ files, the document of glTF files. If they do not fit,
-    /// reading fails with [`Error::OverBudget`], which names a budget that suffices for them.
+    /// Counts the bytes of a reader's tables: names of OBJ files, the document of glTF files and the largest list of
+    /// instances in them. If they do not fit, reading fails with [`Error::OverBudget`], which names a budget that
+    /// suffices for them.
     pub account: Account,
 }
 

@@ -57,6 +57,18 @@ impl Elements {
         Ok(Self { count, component, normalized: accessor.normalized, base, sparse, name })
     }
 
+    /// The accessor, for messages.
+    pub(crate) fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Number of bytes that [`Elements::floats`] takes for elements of `width` numbers.
+    pub(crate) fn bytes(&self, width: u64) -> u64 {
+        let index = size_of::<u32>() as u64;
+        let sparse = self.sparse.as_ref().map_or(0, |sparse| sparse.count.saturating_mul(index));
+        self.count.saturating_mul(width * size_of::<f32>() as u64).saturating_add(sparse)
+    }
+
     /// Returns every element as floating-point numbers, in order. Missing components are 0. Normalised integers become
     /// [-1, 1] or [0, 1].
     pub(crate) fn floats<const N: usize>(&self, buffers: &mut Buffers<'_>) -> Parsed<Vec<[f32; N]>> {

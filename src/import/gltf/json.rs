@@ -89,7 +89,7 @@ fn whole_index(value: &Value) -> Option<usize> {
 }
 
 /// Returns the beginning of a value, for messages.
-fn shown(value: &Value) -> String {
+pub(crate) fn shown(value: &Value) -> String {
     value.to_string().chars().take(40).collect()
 }
 

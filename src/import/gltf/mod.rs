@@ -40,10 +40,12 @@ use super::access::Files;
 use super::input::{Fault, Input, Parsed};
 use super::texture;
 use super::{MeshKey, PartDesc, PartKey, Sink, UpAxis};
+use crate::base::account::Claim;
 use crate::base::error::{Place, Result};
 use crate::base::progress::Cancel;
 use buffers::Buffers;
 use glam::{DAffine3, DVec3};
+use instancing::Instances;
 use materials::Materials;
 use model::{Model, Primitive};
 use notes::Notes;
@@ -75,10 +77,9 @@ pub(crate) fn read(input: &mut Input, files: &Files<'_>, sink: &mut dyn Sink) ->
         placed: &placed,
         materials: Materials::new(files.options),
         skins: Skins::default(),
-        instances: HashMap::new(),
         emitter: Emitter::new(model, Buffers::new(input, &document, files, sink.cancel().clone()), notes),
     };
-    reader.read(sink).map_err(|fault| fault.at(&path, Place::File))
+    reader.read(files.options.account.claim(), sink).map_err(|fault| fault.at(&path, Place::File))
 }
 
 /// Adds the name of the object in which an error arose.
@@ -89,36 +90,57 @@ fn within(name: &str, fault: Fault) -> Fault {
     }
 }
 
+/// Names the instances of a node.
+fn instances_of(placed: &Placed) -> String {
+    format!("nodes[{}]: EXT_mesh_gpu_instancing", placed.node)
+}
+
 struct Reader<'a> {
     model: &'a Model,
     placed: &'a [Placed],
     materials: Materials,
     skins: Skins<'a>,
-    /// World transforms of the instances of nodes with `EXT_mesh_gpu_instancing`, by index in `placed`.
-    instances: HashMap<usize, Vec<DAffine3>>,
     emitter: Emitter<'a>,
 }
 
-/// The places of a shared mesh: the transform to the world and the first part of each.
-type Places = Vec<(DAffine3, PartKey)>;
+/// The meshes that several nodes or instances can show.
+#[derive(Default)]
+struct Sharing {
+    meshes: HashMap<usize, Shared>,
+    /// Nodes with an instance that cannot show the shared mesh, by index in `placed`.
+    with_flat: HashSet<usize>,
+}
+
+/// A mesh at the nodes that can show it.
+#[derive(Default)]
+struct Shared {
+    /// Number of places, over all nodes.
+    places: u64,
+    /// Indices in `placed`.
+    nodes: Vec<usize>,
+}
 
 impl<'a> Reader<'a> {
-    fn read(&mut self, sink: &mut dyn Sink) -> Parsed<()> {
+    fn read(&mut self, claim: Claim, sink: &mut dyn Sink) -> Parsed<()> {
+        let _claim = self.pay_for_instances(claim, sink.cancel())?;
         let parts = self.declare(sink)?;
-        self.find_instances()?;
-        let places = self.shared_places(&parts, sink.cancel())?;
+        let Sharing { meshes, with_flat } = self.sharing(sink.cancel())?;
         let mut is_shown = HashSet::new();
         for (i, placed) in self.placed.iter().enumerate() {
             sink.cancel().check()?;
             let Some(mesh) = placed.mesh else { continue };
-            let shared = places.get(&mesh).filter(|places| places.len() > 1);
+            let shared = meshes.get(&mesh).filter(|shared| shared.places > 1);
             let shared = if self.has_own_pose(placed)? { None } else { shared };
-            let worlds = self.instances.get(&i).map_or(std::slice::from_ref(&placed.world), Vec::as_slice).to_vec();
-            for world in worlds.into_iter().filter(|world| shared.is_none() || !scene::inverts_well(world)) {
-                self.direct(placed, mesh, world, parts[i], sink)?;
+            if shared.is_none() || with_flat.contains(&i) {
+                let worlds = self.instances(placed)?;
+                let direct = |world: &DAffine3| shared.is_none() || !scene::inverts_well(world);
+                for world in worlds.worlds(placed.world).filter(direct) {
+                    sink.cancel().check()?;
+                    self.direct(placed, mesh, world, parts[i], sink)?;
+                }
             }
             if let Some(shared) = shared.filter(|_| is_shown.insert(mesh)) {
-                self.shared(mesh, shared, sink)?;
+                self.shared(mesh, &shared.nodes, &parts, sink)?;
             }
         }
         self.emitter.flush(sink)?;
@@ -171,25 +193,57 @@ impl<'a> Reader<'a> {
         Ok(node.name.as_deref().or(mesh).map_or_else(|| format!("node {}", placed.node), str::to_owned))
     }
 
-    /// Reads the instances of all nodes with `EXT_mesh_gpu_instancing`.
-    fn find_instances(&mut self) -> Parsed<()> {
-        for (i, placed) in self.placed.iter().enumerate().filter(|(_, placed)| placed.mesh.is_some()) {
-            let Some(attributes) = &self.model.nodes.get(placed.node)?.instancing else { continue };
-            let name = format!("nodes[{}]", placed.node);
-            if self.is_skinned(placed)? {
-                self.emitter.notes.add("skinned nodes have instances, which were ignored", || name);
-                continue;
+    /// Counts the memory of the elements of instances: those of the node with the most. Fails if it does not fit, or if
+    /// the accessors of a node are not as they must be.
+    fn pay_for_instances(&mut self, mut claim: Claim, cancel: &Cancel) -> Parsed<Claim> {
+        let (mut most, mut of) = (0, (0, 0));
+        for placed in self.placed.iter().filter(|placed| placed.mesh.is_some()) {
+            cancel.check()?;
+            let example = || format!("nodes[{}]", placed.node);
+            if self.is_skinned(placed)? && self.has_instances(placed)? {
+                self.emitter.notes.add("skinned nodes have instances, which were ignored", example);
             }
-            let instances = instancing::transforms(self.model, attributes, self.emitter.buffers());
-            let instances = instances.map_err(|fault| within(&name, fault))?;
-            self.instances.insert(i, instances.into_iter().map(|from_instance| placed.world * from_instance).collect());
+            let Some(accessors) = self.accessors(placed)? else { continue };
+            if accessors.has_unsigned_rotations {
+                let text = "nodes have unsigned rotations of instances, which EXT_mesh_gpu_instancing does not allow";
+                self.emitter.notes.add(text, example);
+            }
+            if accessors.bytes() > most {
+                (most, of) = (accessors.bytes(), (accessors.count, placed.node));
+            }
         }
-        Ok(())
+        let (count, node) = of;
+        match most == 0 || claim.grow(most) {
+            true => Ok(claim),
+            false => Err(claim.over(1.0, 0, format!("reading the {count} instances of nodes[{node}]")).into()),
+        }
     }
 
-    /// Returns, for each mesh with triangles, the places where an instance can show it.
-    fn shared_places(&self, parts: &[PartKey], cancel: &Cancel) -> Parsed<HashMap<usize, Places>> {
-        let mut all: HashMap<usize, Places> = HashMap::new();
+    /// True if the node has attributes of instances, or something else in their place.
+    fn has_instances(&self, placed: &Placed) -> Parsed<bool> {
+        Ok(self.model.nodes.get(placed.node)?.instancing.as_ref().map_or(true, |attributes| !attributes.is_empty()))
+    }
+
+    /// Opens the accessors of the instances of a node. `None` if it places its mesh once.
+    fn accessors(&mut self, placed: &Placed) -> Parsed<Option<instancing::Accessors>> {
+        if !self.has_instances(placed)? || self.is_skinned(placed)? {
+            return Ok(None);
+        }
+        let attributes = self.model.nodes.get(placed.node)?.instancing.as_ref();
+        let attributes = attributes.map_err(|why| format!("nodes[{}]: {why}", placed.node))?;
+        let accessors = instancing::Accessors::open(self.model, attributes, self.emitter.buffers());
+        Ok(Some(accessors.map_err(|fault| within(&instances_of(placed), fault))?))
+    }
+
+    /// Reads the instances of a node.
+    fn instances(&mut self, placed: &Placed) -> Parsed<Instances> {
+        let Some(accessors) = self.accessors(placed)? else { return Ok(Instances::ONE) };
+        accessors.read(self.emitter.buffers()).map_err(|fault| within(&instances_of(placed), fault))
+    }
+
+    /// Finds, for each mesh with triangles, the nodes with places where an instance can show it.
+    fn sharing(&mut self, cancel: &Cancel) -> Parsed<Sharing> {
+        let mut sharing = Sharing::default();
         for (i, placed) in self.placed.iter().enumerate() {
             cancel.check()?;
             let Some(index) = placed.mesh else { continue };
@@ -197,11 +251,17 @@ impl<'a> Reader<'a> {
             if self.has_own_pose(placed)? || !mesh.primitives.iter().flatten().any(Primitive::has_area) {
                 continue;
             }
-            let worlds = self.instances.get(&i).map_or(std::slice::from_ref(&placed.world), Vec::as_slice);
-            let places = worlds.iter().filter(|world| scene::inverts_well(world)).map(|world| (*world, parts[i]));
-            all.entry(index).or_default().extend(places);
+            let (mut places, mut flat) = (0, 0);
+            for world in self.instances(placed)?.worlds(placed.world) {
+                cancel.check()?;
+                *(if scene::inverts_well(&world) { &mut places } else { &mut flat }) += 1;
+            }
+            let shared = sharing.meshes.entry(index).or_default();
+            shared.places += places;
+            shared.nodes.extend((places > 0).then_some(i));
+            sharing.with_flat.extend((flat > 0).then_some(i));
         }
-        Ok(all)
+        Ok(sharing)
     }
 
     /// True if the node shows its mesh in another shape than other nodes.
@@ -246,15 +306,19 @@ impl<'a> Reader<'a> {
         self.mesh(index, target, &Pose { weights, joints }, sink)
     }
 
-    fn shared(&mut self, index: usize, places: &Places, sink: &mut dyn Sink) -> Parsed<()> {
+    /// Shows a mesh at all places of `nodes` where an instance can show it.
+    fn shared(&mut self, index: usize, nodes: &[usize], parts: &[PartKey], sink: &mut dyn Sink) -> Parsed<()> {
         let mesh = self.model.meshes.get(index)?;
         let key = sink.shared_mesh(mesh.primitives.len() as u32)?;
         let pose = Pose { weights: mesh.weights.as_ref().into(), joints: None };
         self.mesh(index, Target { mesh: key, first_part: 0, world: None }, &pose, sink)?;
         self.emitter.flush(sink)?;
-        for &(world, first) in places {
-            sink.cancel().check()?;
-            sink.instance(key, world, first)?;
+        for &node in nodes {
+            let instances = self.instances(&self.placed[node])?;
+            for world in instances.worlds(self.placed[node].world).filter(scene::inverts_well) {
+                sink.cancel().check()?;
+                sink.instance(key, world, parts[node])?;
+            }
         }
         Ok(())
     }

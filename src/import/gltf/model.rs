@@ -108,8 +108,9 @@ pub(crate) struct Node {
     pub(crate) local: Result<DAffine3, Box<str>>,
     /// Weights of the mesh's morph targets.
     pub(crate) weights: Option<Box<[f64]>>,
-    /// Accessors of `EXT_mesh_gpu_instancing`, by name of the attribute.
-    pub(crate) instancing: Option<Attributes>,
+    /// Accessors of `EXT_mesh_gpu_instancing`, by name of the attribute, or the reason why there are none. Without
+    /// attributes the mesh is placed once.
+    pub(crate) instancing: Result<Attributes, Box<str>>,
     /// True if the mesh or the skin is -1, which some programs write for none.
     pub(crate) has_negative: bool,
     /// False for nodes that `KHR_node_visibility` hides, with all below them.
@@ -321,6 +322,18 @@ impl Component {
         }
     }
 
+    /// Name in the plural, for messages.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::I8 => "signed bytes",
+            Self::U8 => "unsigned bytes",
+            Self::I16 => "signed 16-bit integers",
+            Self::U16 => "unsigned 16-bit integers",
+            Self::U32 => "unsigned 32-bit integers",
+            Self::F32 => "floats",
+        }
+    }
+
     /// Size in bytes.
     pub(crate) fn size(self) -> usize {
         match self {
@@ -333,7 +346,6 @@ impl Component {
 
 fn node(value: &Value) -> Read<Node> {
     let visibility = json::extension(value, "KHR_node_visibility");
-    let instancing = json::extension(value, "EXT_mesh_gpu_instancing").map(attributes);
     Ok(Node {
         name: json::text(value, "name"),
         children: json::indices(value, "children")?,
@@ -342,9 +354,24 @@ fn node(value: &Value) -> Read<Node> {
         has_negative: json::is_none(value, "mesh") || json::is_none(value, "skin"),
         local: local_transform(value).map_err(String::into_boxed_str),
         weights: weights(value).filter(|w| !w.is_empty()),
-        instancing: instancing.filter(|attributes| !attributes.is_empty()),
+        instancing: instancing(value).map_err(String::into_boxed_str),
         is_visible: visibility.and_then(|v| v.get("visible")).and_then(Value::as_bool).unwrap_or(true),
     })
+}
+
+fn instancing(node: &Value) -> Read<Attributes> {
+    const NAME: &str = "EXT_mesh_gpu_instancing";
+    let Some(extension) = json::extension(node, NAME) else { return Ok(Box::default()) };
+    if !extension.is_object() {
+        return Err(format!("{NAME} is {}, not an object", json::shown(extension)));
+    }
+    let Some(attributes) = json::member(extension, "attributes") else { return Ok(Box::default()) };
+    let Some(all) = attributes.as_object() else {
+        return Err(format!("{NAME}: \"attributes\" is {}, not an object", json::shown(attributes)));
+    };
+    let read =
+        |name: &String| Some(json::index(attributes, name).transpose()?.map(|index| (name.as_str().into(), index)));
+    all.keys().filter_map(read).collect::<Read<_>>().map_err(|why| format!("{NAME}: {why}"))
 }
 
 fn weights(value: &Value) -> Option<Box<[f64]>> {
@@ -396,7 +423,7 @@ fn primitive(value: &Value) -> Read<Primitive> {
     })
 }
 
-/// Returns the attributes of a primitive or of `EXT_mesh_gpu_instancing`.
+/// Returns the attributes of a primitive.
 fn attributes(value: &Value) -> Attributes {
     let all = value.get("attributes").and_then(Value::as_object).into_iter().flatten();
     all.filter_map(|(name, index)| Some((name.as_str().into(), usize::try_from(json::whole(index)?).ok()?))).collect()

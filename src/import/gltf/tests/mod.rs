@@ -1,4 +1,5 @@
 mod content;
+mod instancing;
 mod lenient;
 mod textures;
 
