@@ -805,17 +805,20 @@ typedef struct oc_background {
 /** Form of the transforms of an array, from model to world space. */
 typedef uint32_t oc_transform_form;
 
-/** Many instances of a few models. OC_INIT and the prototypes, the transforms and their count are the least. */
+/**
+ * Many instances of a few models, or of a few scenes. OC_INIT and the prototypes or the scenes, the transforms and their
+ * count are the least.
+ */
 typedef struct oc_instances {
     /** Size of this struct in bytes; OC_INIT sets it. */
     uint32_t struct_size;
     /** Form of `transforms`. */
     oc_transform_form form;
-    /** The models, all of the scene's context. Not NULL. */
+    /** The models, all of the scene's context. NULL if there are scenes. */
     const struct oc_model *const *prototypes;
-    /** Number of prototypes, at least 1. */
+    /** Number of models, at least 1; 0 if there are scenes. */
     uint64_t prototype_count;
-    /** Index among the prototypes of each instance's model, tightly packed. NULL: all are of the first. */
+    /** Index among the models or the scenes of each instance's own, tightly packed. NULL: all are of the first. */
     const uint32_t *prototype_of;
     /** The transform of each instance, finite and invertible. */
     const void *transforms;
@@ -832,6 +835,10 @@ typedef struct oc_instances {
     uint32_t mask;
     /** Must be 0. */
     uint32_t reserved;
+    /** Scenes as instances, as oc_scene_add_scene describes. NULL if there are models. */
+    const struct oc_scene *const *scenes;
+    /** Number of scenes, at least 1; 0 if there are models. */
+    uint64_t scene_count;
 } oc_instances;
 
 /** Flags of oc_look: how an instance or a part is shown. */
@@ -2843,7 +2850,7 @@ OC_API
 void oc_scene_release(struct oc_scene *scene);
 
 /**
- * Adds many instances of a few models at once. Takes effect at oc_scene_commit.
+ * Adds many instances of a few models or scenes at once. Takes effect at oc_scene_commit.
  *
  * The arrays are copied: 96 bytes for an affine transform in doubles, 48 for the other forms, 4 for an index of a
  * prototype. A commit adds some 45 bytes for each mesh that is placed, for the tree over all of them, 16 more if a
@@ -2852,12 +2859,12 @@ void oc_scene_release(struct oc_scene *scene);
  * place (oc_scene_set_transforms), but no matrix. A mask or a look that is set for one of them takes memory for that
  * one.
  *
- * - `instances`: models, transforms and ids.
+ * - `instances`: models or scenes, transforms and ids.
  *
  * Errors: OC_STATUS_INVALID_ARGUMENT if a member is not as documented: the message names the first instance that is
  * wrong; OC_STATUS_OVER_BUDGET if the budget has no room for the array. Nothing is then added.
  *
- * Ownership: the scene keeps the models alive; the arrays are not used after the call.
+ * Ownership: the scene keeps the models and scenes alive; the arrays are not used after the call.
  * Thread safety: any thread. Takes time in proportion to the number of instances.
  */
 OC_API

@@ -419,6 +419,16 @@ class scene : public scene_handle {
     void set_transforms(std::uint64_t first_id, const std::vector<Transform> &transforms) {
         check(oc_scene_set_transforms(get(), first_id, form_of(transforms.data()), transforms.data(), transforms.size(), 0));
     }
+    /// Adds a scene many times; `Transform` as for models.
+    template <class Transform>
+    void add_instances(const scene &inner, const std::vector<Transform> &transforms, std::uint64_t first_id) {
+        auto all = init<oc_instances>();
+        const oc_scene *prototype = inner.get();
+        all.form = form_of(transforms.data());
+        all.scenes = &prototype, all.scene_count = 1;
+        all.transforms = transforms.data(), all.count = transforms.size(), all.first_id = first_id;
+        add_instances(all);
+    }
     void add_instances(const oc_instances &all) { check(oc_scene_add_instances(get(), &all)); }
     void add_scene(const scene &inner, std::uint64_t id, const double *world_from_inner = nullptr) {
         check(oc_scene_add_scene(get(), inner.get(), id, world_from_inner));

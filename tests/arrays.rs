@@ -89,7 +89,7 @@ fn both(context: &Context, files: [&Built; 2], form: usize, count: usize) -> [Sc
     for (i, map) in maps.iter().enumerate() {
         scenes[0].add_instance(&models[prototype_of[i] as usize], FIRST + i as u64, *map).expect("an instance");
     }
-    let prototypes = models.to_vec();
+    let prototypes = models.to_vec().into();
     scenes[1]
         .add_instances(&Instances { prototypes, prototype_of, transforms, first_id: FIRST, mask: u32::MAX })
         .expect("instances");
@@ -279,7 +279,7 @@ fn wrong_arrays_are_refused() {
     let foreign = Model::open(&built::context(0), &file.path).expect("a model");
     scene.add_instance(&model, 5, DAffine3::IDENTITY).expect("an instance");
     let good = Instances {
-        prototypes: vec![model.clone()],
+        prototypes: vec![model.clone()].into(),
         prototype_of: Arc::new([]),
         transforms: Transforms::Affine(vec![DAffine3::IDENTITY; 4].into()),
         first_id: 6,
@@ -301,9 +301,9 @@ fn wrong_arrays_are_refused() {
         ("instance 1: ", places(Place { position: DVec3::splat(f64::INFINITY), ..place })),
         ("instance 1 has prototype 1", Instances { prototype_of: Arc::new([0, 1, 0, 0]), ..good.clone() }),
         ("4 transforms, but 3", Instances { prototype_of: Arc::new([0; 3]), ..good.clone() }),
-        ("at least one", Instances { prototypes: Vec::new(), ..good.clone() }),
+        ("at least one", Instances { prototypes: Vec::new().into(), ..good.clone() }),
         ("at least one", Instances { transforms: Transforms::Affine(Arc::new([])), ..good.clone() }),
-        ("another context", Instances { prototypes: vec![foreign], ..good.clone() }),
+        ("another context", Instances { prototypes: vec![foreign].into(), ..good.clone() }),
         ("instance 5 already exists", Instances { first_id: 2, ..good.clone() }),
         ("too many", Instances { first_id: u64::MAX - 3, ..good.clone() }),
     ];
@@ -363,7 +363,13 @@ fn arrays_count_against_the_budget() {
             })
             .collect();
         let transforms = Transforms::Places(places.into());
-        Instances { prototypes: vec![model.clone()], prototype_of: Arc::new([]), transforms, first_id, mask: u32::MAX }
+        Instances {
+            prototypes: vec![model.clone()].into(),
+            prototype_of: Arc::new([]),
+            transforms,
+            first_id,
+            mask: u32::MAX,
+        }
     };
     let before = context.memory_used();
     scene.add_instances(&of(100_000, 0)).expect("instances");

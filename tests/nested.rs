@@ -11,7 +11,9 @@ use outcrop::math::{Cone, DBounds, Ray};
 use outcrop::query::{Hit, HitKind, NONE, NearestOptions, NearestPoint, QueryOptions};
 use outcrop::render::{Buffer, Frame, FrameOptions, FrameSettings, FrameState, Outputs};
 use outcrop::scene::camera::{Camera, PixelRays};
-use outcrop::scene::{Context, Fit, Instances, Lens, Look, Model, Scene, SceneState, Scope, Transforms};
+use outcrop::scene::{
+    Context, Fit, Instances, Lens, Look, Model, Place, Prototypes, Scene, SceneState, Scope, Transforms,
+};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Duration;
@@ -29,6 +31,45 @@ fn place(rng: &mut Rng, reach: f64) -> DAffine3 {
 /// What a scene of one level has: its instances, and their ways.
 type Flat = Vec<(DAffine3, Look, u32, Vec<u64>)>;
 
+/// A scene of one instance.
+fn one(context: &Context, model: &Model, rng: &mut Rng) -> (Scene, Flat) {
+    let (scene, map) = (Scene::new(context), place(rng, 1.0));
+    scene.add_instance(model, 77, map).expect("an instance");
+    scene.commit().expect("a commit");
+    (scene, vec![(map, Look::default(), u32::MAX, vec![77])])
+}
+
+/// Adds an array of scenes of different sizes, one hidden and one selected.
+fn add_array(scene: &Scene, prototypes: [&(Scene, Flat); 2], (rng, reach): (&mut Rng, f64), flat: &mut Flat) {
+    const FIRST: u64 = 30;
+    let prototype_of = [0, 1, 1, 0, 1];
+    let maps = prototype_of.map(|_| place(rng, reach));
+    let instances = Instances {
+        prototypes: Prototypes::Scenes(prototypes.map(|it| it.0.clone()).to_vec()),
+        prototype_of: Arc::from(prototype_of),
+        transforms: Transforms::Affine(maps.to_vec().into()),
+        first_id: FIRST,
+        mask: 7,
+    };
+    scene.add_instances(&instances).expect("an array of scenes");
+    let looks = [1, 3].map(|i| Look { visible: i != 1, selected: i == 3, ..Look::default() });
+    scene.set_instance_look(FIRST + 1, looks[0]).expect("a look");
+    scene.set_instance_look(FIRST + 3, looks[1]).expect("a look");
+    scene.set_instance_mask(FIRST + 4, 6).expect("a mask");
+    for (i, (at, prototype)) in maps.iter().zip(prototype_of).enumerate() {
+        let look = if i % 2 == 1 { looks[i / 2] } else { Look::default() };
+        for (map, inner, inner_mask, path) in &prototypes[prototype as usize].1 {
+            let both = Look {
+                visible: look.visible && inner.visible,
+                selected: look.selected || inner.selected,
+                ..Look::default()
+            };
+            let path = [FIRST + i as u64].iter().chain(path).copied().collect();
+            flat.push((*at * *map, both, inner_mask & if i == 4 { 6 } else { 7 }, path));
+        }
+    }
+}
+
 /// A scene of so many levels, and its instances in order.
 fn nested(context: &Context, model: &Model, levels: usize, rng: &mut Rng) -> (Scene, Flat) {
     let scene = Scene::new(context);
@@ -41,7 +82,7 @@ fn nested(context: &Context, model: &Model, levels: usize, rng: &mut Rng) -> (Sc
         flat.push((at, look, u32::MAX, vec![id]));
     }
     let maps: Vec<DAffine3> = (0..3).map(|_| place(rng, reach)).collect();
-    let (prototypes, prototype_of) = (vec![model.clone()], Arc::from([]));
+    let (prototypes, prototype_of) = (vec![model.clone()].into(), Arc::from([]));
     let transforms = Transforms::Affine(maps.clone().into());
     scene.add_instances(&Instances { prototypes, prototype_of, transforms, first_id: 10, mask: 3 }).expect("an array");
     let hidden = Look { visible: false, ..Look::default() };
@@ -50,20 +91,23 @@ fn nested(context: &Context, model: &Model, levels: usize, rng: &mut Rng) -> (Sc
         flat.push((map, if i == 1 { hidden } else { Look::default() }, 3, vec![10 + i as u64]));
     }
     if levels > 1 {
-        let (inner, of_inner) = nested(context, model, levels - 1, rng);
+        let below = nested(context, model, levels - 1, rng);
+        let (inner, of_inner) = &below;
         for id in 20..22 {
             let (at, mask) = (place(rng, reach), if id == 20 { u32::MAX } else { 2 });
             let look = Look { visible: !rng.one_in(5), selected: id == 21, ..Look::default() };
-            scene.add_scene(&inner, id, at).expect("a scene");
+            scene.add_scene(inner, id, at).expect("a scene");
             scene.set_instance_look(id, look).expect("a look");
             scene.set_instance_mask(id, mask).expect("a mask");
-            for (map, inner, inner_mask, path) in &of_inner {
+            for (map, inner, inner_mask, path) in of_inner {
                 let visible = look.visible && inner.visible;
                 let both = Look { visible, selected: look.selected || inner.selected, ..Look::default() };
                 let path = [id].iter().chain(path).copied().collect();
                 flat.push((at * *map, both, mask & inner_mask, path));
             }
         }
+        let single = one(context, model, rng);
+        add_array(&scene, [&below, &single], (rng, reach), &mut flat);
     }
     scene.commit().expect("a commit");
     (scene, flat)
@@ -202,6 +246,25 @@ fn a_commit_takes_scenes_as_they_are() {
     bad(outer.add_instance(&model, 3, DAffine3::IDENTITY), "instance 3 already exists");
     bad(outer.add_scene(&inner, 9, DAffine3::from_scale(DVec3::ZERO)), "singular");
     bad(outer.add_scene(&Scene::new(&built::context(0)), 9, DAffine3::IDENTITY), "another context");
+    let array = |scene: &Scene| Instances {
+        prototypes: Prototypes::Scenes(vec![scene.clone()]),
+        prototype_of: Arc::from([]),
+        transforms: Transforms::Affine([DAffine3::IDENTITY; 2].into()),
+        first_id: 50,
+        mask: 1,
+    };
+    bad(inner.add_instances(&array(&outer)), "in itself");
+    bad(inner.add_instances(&array(&inner)), "in itself");
+    bad(outer.add_instances(&array(&Scene::new(&built::context(0)))), "another context");
+    bad(
+        outer.add_instances(&Instances { prototypes: Prototypes::Scenes(Vec::new()), ..array(&inner) }),
+        "at least one",
+    );
+    outer.add_instances(&array(&inner)).expect("an array");
+    bad(outer.set_part_look(51, 5, Look::default()), "is a scene");
+    bad(outer.remove_instances(51), "begins with 51");
+    bad(inner.add_scene(&outer, 9, DAffine3::IDENTITY), "in itself");
+    outer.remove_instances(50).expect("removed");
     bad(outer.set_part_look(3, 5, Look::default()), "is a scene");
     bad(outer.clear_part_looks(3), "is a scene");
     bad(outer.set_model(3, &model), "instance 3");
@@ -250,6 +313,56 @@ fn scenes_with_many_ways_are_looked_through_once() {
     assert_eq!(below[1].state().instance_count(), 0);
 }
 
+/// Members of an array of scenes that move are where a scene with them there from the start has them; what began before
+/// has them where they were.
+#[test]
+fn scenes_of_an_array_move() {
+    const COUNT: usize = 400;
+    let context = built::context(0);
+    let file = built::parts(&[Part::white(5, scenes::bumpy_sphere(6, 8, 3))]);
+    let model = Model::open(&context, &file.path).expect("a model");
+    let mut rng = Rng::new(12);
+    let inner = nested(&context, &model, 2, &mut rng).0;
+    let mut maps: Vec<DAffine3> = (0..COUNT).map(|_| place(&mut rng, 60.0)).collect();
+    let scene_of = |maps: &[DAffine3]| {
+        let scene = Scene::new(&context);
+        let prototypes = Prototypes::Scenes(vec![inner.clone()]);
+        let (prototype_of, transforms) = (Arc::from([]), Transforms::Affine(maps.to_vec().into()));
+        let all = Instances { prototypes, prototype_of, transforms, first_id: 0, mask: u32::MAX };
+        scene.add_instances(&all).expect("an array");
+        scene.commit().expect("a commit");
+        scene
+    };
+    let rays: Vec<Ray> = (0..800)
+        .map(|_| {
+            let [eye, to] = [90.0, 50.0].map(|k| rng.inside(DVec3::splat(-k), DVec3::splat(k)));
+            Ray::new(eye, (to - eye).as_vec3().normalize())
+        })
+        .collect();
+    let key = |hit: &Hit| (hit.kind, hit.occurrence, hit.part, hit.prim, hit.t.to_bits());
+    let hits = |state: &SceneState| closest(state, &rays, false).iter().map(key).collect::<Vec<_>>();
+    let scene = scene_of(&maps);
+    for round in 0..4 {
+        let (before, was) = (scene.state(), hits(&scene.state()));
+        for _ in 0..5 {
+            let at = rng.below(COUNT);
+            maps[at] = place(&mut rng, 55.0);
+            scene.set_transform(at as u64, maps[at]).expect("a transform");
+        }
+        scene.commit().expect("a commit");
+        assert!(hits(&before) == was, "{round}");
+        let now = hits(&scene.state());
+        assert!(now == hits(&scene_of(&maps).state()) && now != was, "{round}");
+    }
+    assert!(hits(&scene.state()).iter().filter(|hit| hit.0 == HitKind::Exact).count() > 100);
+    let turned = Transforms::Affine([DAffine3::from_scale(DVec3::new(1e-9, 1.0, 1.0))].into());
+    scene.set_transforms(7, &turned).expect("a transform");
+    match scene.commit() {
+        Err(Error::BadArgument(why)) => assert!(why.contains("scene 7"), "{why}"),
+        other => panic!("{other:?}"),
+    }
+}
+
 /// 64 levels work; more are refused by the commit, and none are too many to drop.
 #[test]
 fn levels_are_limited() {
@@ -292,7 +405,7 @@ fn too_many_occurrences_are_refused() {
     let model = Model::open(&context, &file.path).expect("a model");
     let mut inner = Scene::new(&context);
     let transforms = Transforms::Affine(vec![DAffine3::IDENTITY; 1 << 16].into());
-    let (prototypes, prototype_of) = (vec![model], Arc::from([]));
+    let (prototypes, prototype_of) = (vec![model].into(), Arc::from([]));
     inner.add_instances(&Instances { prototypes, prototype_of, transforms, first_id: 0, mask: 1 }).expect("an array");
     inner.commit().expect("a commit");
     let before = context.memory_used();
@@ -329,13 +442,27 @@ fn dust(context: &Context, model: &Model, levels: u64) -> Scene {
     let mut inner: Option<Scene> = None;
     for level in 0..levels {
         let scene = Scene::new(context);
-        for digit in 0..8 {
-            let (at, size) = cell(&[digit]);
-            let map = DAffine3::from_scale_rotation_translation(DVec3::splat(size), DQuat::IDENTITY, at);
-            let id = 10 * (level + 1) + digit;
-            match &inner {
-                None => scene.add_instance(model, id, map).expect("an instance"),
-                Some(inner) => scene.add_scene(inner, id, map).expect("a scene"),
+        let first_id = 10 * (level + 1);
+        let places = (0..8).map(|digit| {
+            let (position, size) = cell(&[digit]);
+            Place { position, rotation: [0.0, 0.0, 0.0, 1.0], scale: size as f32 }
+        });
+        let places: Vec<Place> = places.collect();
+        match &inner {
+            Some(inner) if level % 3 == 1 => {
+                for (id, it) in (first_id..).zip(&places) {
+                    let map = DAffine3 {
+                        matrix3: DMat3::from_diagonal(DVec3::splat(it.scale.into())),
+                        translation: it.position,
+                    };
+                    scene.add_scene(inner, id, map).expect("a scene");
+                }
+            }
+            _ => {
+                let prototypes = inner.map_or(vec![model.clone()].into(), |it| Prototypes::Scenes(vec![it]));
+                let (prototype_of, transforms) = (Arc::from([]), Transforms::Places(places.into()));
+                let all = Instances { prototypes, prototype_of, transforms, first_id, mask: u32::MAX };
+                scene.add_instances(&all).expect("an array");
             }
         }
         scene.commit().expect("a commit");

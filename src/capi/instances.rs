@@ -6,7 +6,7 @@ use super::model::{ModelObject, oc_model};
 use super::query::check_id;
 use super::scene::{SceneObject, oc_scene};
 use super::status::oc_status;
-use crate::scene::{Instances, Place, Transforms};
+use crate::scene::{Instances, Place, Prototypes, Transforms};
 use glam::{DAffine3, DVec3};
 use std::sync::Arc;
 
@@ -33,7 +33,8 @@ pub struct oc_place {
     pub reserved: u32,
 }
 
-/// Many instances of a few models. OC_INIT and the prototypes, the transforms and their count are the least.
+/// Many instances of a few models, or of a few scenes. OC_INIT and the prototypes or the scenes, the transforms and their
+/// count are the least.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct oc_instances {
@@ -41,11 +42,11 @@ pub struct oc_instances {
     pub struct_size: u32,
     /// Form of `transforms`.
     pub form: oc_transform_form,
-    /// The models, all of the scene's context. Not NULL.
+    /// The models, all of the scene's context. NULL if there are scenes.
     pub prototypes: *const *const oc_model,
-    /// Number of prototypes, at least 1.
+    /// Number of models, at least 1; 0 if there are scenes.
     pub prototype_count: u64,
-    /// Index among the prototypes of each instance's model, tightly packed. NULL: all are of the first.
+    /// Index among the models or the scenes of each instance's own, tightly packed. NULL: all are of the first.
     pub prototype_of: *const u32,
     /// The transform of each instance, finite and invertible.
     pub transforms: *const std::ffi::c_void,
@@ -60,6 +61,10 @@ pub struct oc_instances {
     pub mask: u32,
     /// Must be 0.
     pub reserved: u32,
+    /// Scenes as instances, as oc_scene_add_scene describes. NULL if there are models.
+    pub scenes: *const *const oc_scene,
+    /// Number of scenes, at least 1; 0 if there are models.
+    pub scene_count: u64,
 }
 
 // SAFETY: `repr(C)`, numbers and pointers without padding, `struct_size` first.
@@ -106,7 +111,35 @@ unsafe fn copied(given: &Given) -> Checked<Transforms> {
     }
 }
 
-/// Adds many instances of a few models at once. Takes effect at oc_scene_commit.
+/// The models or the scenes of an array.
+///
+/// # Safety
+/// Those of `given` are as [`oc_instances`] documents.
+unsafe fn prototypes(given: &oc_instances) -> Checked<Prototypes> {
+    let (has_models, has_scenes) = (given.prototype_count > 0, given.scene_count > 0);
+    if has_models && has_scenes {
+        return bad("oc_instances has prototypes and scenes; an array has one of both");
+    }
+    // SAFETY: the caller's contract; each index is below the count.
+    unsafe {
+        if has_scenes {
+            let scenes = Strided::new(given.scenes, given.scene_count, 0, "oc_instances.scenes")?;
+            let scene = |i| -> Checked<_> {
+                let scene: &Shell<SceneObject> = handles::borrow(scenes.get(i))?;
+                Ok(scene.scene.clone())
+            };
+            return Ok(Prototypes::Scenes((0..scenes.count).map(scene).collect::<Checked<_>>()?));
+        }
+        let models = Strided::new(given.prototypes, given.prototype_count, 0, "oc_instances.prototypes")?;
+        let model = |i| -> Checked<_> {
+            let model: &Shell<ModelObject> = handles::borrow(models.get(i))?;
+            Ok(model.model.clone())
+        };
+        Ok(Prototypes::Models((0..models.count).map(model).collect::<Checked<_>>()?))
+    }
+}
+
+/// Adds many instances of a few models or scenes at once. Takes effect at oc_scene_commit.
 ///
 /// The arrays are copied: 96 bytes for an affine transform in doubles, 48 for the other forms, 4 for an index of a
 /// prototype. A commit adds some 45 bytes for each mesh that is placed, for the tree over all of them, 16 more if a
@@ -115,15 +148,16 @@ unsafe fn copied(given: &Given) -> Checked<Transforms> {
 /// place (oc_scene_set_transforms), but no matrix. A mask or a look that is set for one of them takes memory for that
 /// one.
 ///
-/// - `instances`: models, transforms and ids.
+/// - `instances`: models or scenes, transforms and ids.
 ///
 /// Errors: OC_STATUS_INVALID_ARGUMENT if a member is not as documented: the message names the first instance that is
 /// wrong; OC_STATUS_OVER_BUDGET if the budget has no room for the array. Nothing is then added.
 ///
-/// Ownership: the scene keeps the models alive; the arrays are not used after the call.
+/// Ownership: the scene keeps the models and scenes alive; the arrays are not used after the call.
 /// Thread safety: any thread. Takes time in proportion to the number of instances.
 /// # Safety
-/// `scene` is a live handle; `instances` is initialised, its models are live handles, and its arrays are as documented.
+/// `scene` is a live handle; `instances` is initialised, its models and scenes are live handles, and its arrays are as
+/// documented.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_scene_add_instances(scene: *mut oc_scene, instances: *const oc_instances) -> oc_status {
     // SAFETY: the function's own contract.
@@ -134,12 +168,7 @@ pub unsafe extern "C" fn oc_scene_add_instances(scene: *mut oc_scene, instances:
             return bad(format!("oc_instances.count {} must be from 1 to below 2^31", given.count));
         }
         check_id(given.first_id)?;
-        let models = Strided::new(given.prototypes, given.prototype_count, 0, "oc_instances.prototypes")?;
-        let model = |i| -> Checked<_> {
-            let model: &Shell<ModelObject> = handles::borrow(models.get(i))?;
-            Ok(model.model.clone())
-        };
-        let prototypes = (0..models.count).map(model).collect::<Checked<Vec<_>>>()?;
+        let prototypes = prototypes(&given)?;
         let prototype_of: Arc<[u32]> = if given.prototype_of.is_null() {
             Arc::new([])
         } else {

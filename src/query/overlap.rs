@@ -96,7 +96,7 @@ impl SceneState {
         }
         self.refute_inside(volume, &mut met)?;
         // A scene in this one may have a part in several places: the first stands for all.
-        let mut first: HashMap<(usize, Option<usize>, u32), (u64, u32)> = HashMap::new();
+        let mut first: HashMap<(u64, Option<usize>, u32), (u64, u32)> = HashMap::new();
         let mut named: BTreeMap<(u64, u32), bool> = BTreeMap::new();
         for (&(instance, part), &inside) in &met {
             let key = match self.scene_of(instance) {

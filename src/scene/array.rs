@@ -1,5 +1,6 @@
 //! Arrays of instances: many instances of a few models, with a transform each and next to nothing else.
 
+use super::edit::Scene;
 use super::measures::check_transform;
 use super::model::Model;
 use crate::base::error::{Error, Result};
@@ -104,12 +105,36 @@ impl Transforms {
     }
 }
 
+/// The prototypes of an array of instances, at least one.
+#[derive(Clone)]
+pub enum Prototypes {
+    /// Models.
+    Models(Vec<Model>),
+    /// Scenes, each as committed last when the scene that has the array is committed.
+    Scenes(Vec<Scene>),
+}
+
+impl Prototypes {
+    fn len(&self) -> usize {
+        match self {
+            Self::Models(all) => all.len(),
+            Self::Scenes(all) => all.len(),
+        }
+    }
+}
+
+impl From<Vec<Model>> for Prototypes {
+    fn from(models: Vec<Model>) -> Self {
+        Self::Models(models)
+    }
+}
+
 /// Many instances that are added at once.
 #[derive(Clone)]
 pub struct Instances {
-    /// The models, at least one.
-    pub prototypes: Vec<Model>,
-    /// Index among the prototypes of each instance's model. Empty: all are of the first.
+    /// Their models, or their scenes.
+    pub prototypes: Prototypes,
+    /// Index of each instance's prototype. Empty: all are of the first.
     pub prototype_of: Arc<[u32]>,
     /// The transform of each instance.
     pub transforms: Transforms,
@@ -148,7 +173,7 @@ impl Array {
         let Instances { prototypes, prototype_of, transforms, first_id, .. } = instances;
         let bad = |why: String| Err(Error::bad_argument(format!("instances: {why}")));
         let count = transforms.len();
-        if count == 0 || prototypes.is_empty() {
+        if count == 0 || prototypes.len() == 0 {
             return bad("there must be at least one transform and one prototype".into());
         }
         if !prototype_of.is_empty() && prototype_of.len() != count {

@@ -1,13 +1,14 @@
 //! The commit of a scene: the placement of all trees, and the states of all instances.
 
+use super::commit_inner::InnerScenes;
 use super::draft::{Draft, DraftArray, DraftScene, DraftState};
 use super::edit::Scene;
-use super::frame::bounds_of_scene;
+use super::inner::Counts;
 use super::looks::PartsShown;
 use super::measures::Measures;
 use super::model::Model;
 use super::placed::Placed;
-use super::placement::{PlacedArray, PlacedIds, PlacedScene, Placement, Prototype, hit_bounds};
+use super::placement::{PlacedArray, PlacedIds, Placement, Prototype, hit_bounds};
 use super::state::{ArrayStates, Instance, InstanceState, SceneState, States};
 use super::top::TopTree;
 use crate::base::error::{Error, Result};
@@ -15,14 +16,10 @@ use crate::base::memory::room;
 use crate::math::DBounds;
 use crate::residency::{UNCOUNTED, counted};
 use glam::DMat3;
-use std::collections::HashSet;
 use std::sync::{Arc, OnceLock};
 
 /// Greatest number of levels of scenes in scenes: functions that follow them call themselves.
 const MOST_LEVELS: u32 = 64;
-
-/// Number of placed trees and of instances that a scene must not reach, with all in it.
-const MOST_OCCURRENCES: u64 = 1 << 63;
 
 /// Bytes of the entries of a scene in the maps of the draft, which may be half empty.
 const INDEX: usize = 64;
@@ -31,20 +28,15 @@ impl Scene {
     pub(super) fn next_state(&self, draft: &mut Draft) -> Result<SceneState> {
         draft.close_gaps();
         // Scenes in this one, as they are now.
-        let scenes: Vec<Arc<SceneState>> = draft.scenes.values().map(|it| it.scene.state()).collect();
-        let levels = 1 + scenes.iter().map(|it| it.levels).max().unwrap_or(0);
+        let scenes = InnerScenes::of(draft);
+        let levels = 1 + scenes.all().map(|it| it.levels).max().unwrap_or(0);
         if levels > MOST_LEVELS {
             return Err(Error::bad_argument(format!("scenes are in each other at more than {MOST_LEVELS} levels")));
         }
-        let placed = &self.state().placement;
-        let are_same = scenes.len() == placed.scenes.len()
-            && scenes.iter().zip(placed.scenes.iter()).all(|(it, placed)| Arc::ptr_eq(it, &placed.scene));
-        draft.moved |= !are_same;
+        draft.moved |= !scenes.are_in(&self.state().placement);
         let of_singles = draft.instances.len() * (size_of::<Instance>() + size_of::<InstanceState>());
-        let of_scenes = draft.scenes.len() * (size_of::<DraftScene>() + size_of::<PlacedScene>() + INDEX);
-        let under = draft.scenes.values().zip(&scenes).filter(|(it, _)| !it.state.is_plain());
-        let of_states: u64 = under.map(|(_, scene)| scene.states.bytes(&mut HashSet::new())).sum();
-        let bytes = (of_singles + of_scenes) as u64 + of_states;
+        let of_scenes = draft.scenes.len() * (size_of::<DraftScene>() + INDEX);
+        let bytes = (of_singles + of_scenes) as u64 + scenes.state_bytes(draft);
         let refitted = if draft.moved { None } else { self.refitted(draft)? };
         draft.moved |= !draft.shifted.is_empty() && refitted.is_none();
         let placing = if draft.moved { Placing::of(draft, &scenes)? } else { Placing::default() };
@@ -90,25 +82,20 @@ impl Scene {
             ArrayStates { common: it.common.committed(), own }
         };
         states.arrays = draft.arrays.iter().map(of_members).collect();
-        let of_scene = |it: &PlacedScene, state: &DraftState| {
-            let inner = &it.scene.states;
-            if state.is_plain() { Arc::clone(inner) } else { Arc::new(inner.under(&state.committed())) }
-        };
-        let models_in: Vec<Vec<u32>> = scenes.iter().map(|it| it.models.iter().map(&mut index_of).collect()).collect();
+        // Models of scenes come after those of instances.
+        scenes.all().flat_map(|it| &it.models).for_each(|model| {
+            index_of(model);
+        });
         let placement = if draft.moved {
-            let of = OfModels { arrays: models_of, scenes: models_in };
-            Arc::new(placing.place(self, draft, &singles, &models, of, &scenes)?)
+            Arc::new(placing.place(self, draft, &singles, &models, models_of, &scenes)?)
         } else {
             refitted.map_or_else(|| Arc::clone(&self.state().placement), Arc::new)
         };
-        let with_states = placement.scenes.iter().zip(draft.scenes.values());
-        states.scenes = with_states.map(|(it, draft)| of_scene(it, &draft.state)).collect();
-        let has = |of_look: bool, of_inner: fn(&SceneState) -> bool| of_look || scenes.iter().any(|it| of_inner(it));
-        let looks = draft.scenes.values().map(|it| it.state.look);
         let see_through = models.iter().any(Model::see_through)
             || states.own().any(|it| it.look.see_through() || it.parts.looks.see_through())
-            || has(looks.into_iter().any(|look| look.see_through()), |it| it.see_through);
-        let hides_parts = has(states.own().any(|it| !it.parts.trees.is_empty()), |it| it.hides_parts);
+            || scenes.see_through(draft);
+        let hides_parts = states.own().any(|it| !it.parts.trees.is_empty()) || scenes.all().any(|it| it.hides_parts);
+        scenes.add_states(draft, &mut states);
         Ok(SceneState {
             see_through,
             levels,
@@ -130,9 +117,12 @@ impl Scene {
 struct Placing {
     /// Number of the trees of single instances.
     singles: usize,
-    /// Number of these and of the trees of arrays, and number of those in scenes.
+    /// Number of these and of the trees of arrays.
     own: usize,
-    inner: u64,
+    /// Number of members of the top tree.
+    members: usize,
+    /// What is in the scene, with all in scenes in it.
+    count: Counts,
     /// Bytes of memory while the trees are placed.
     bytes: u64,
 }
@@ -142,7 +132,7 @@ impl Placing {
     const BUILD: usize = size_of::<(u32, DBounds)>() + TopTree::BYTES_EACH;
 
     /// Counts the trees.
-    fn of(draft: &Draft, scenes: &[Arc<SceneState>]) -> Result<Self> {
+    fn of(draft: &Draft, scenes: &InnerScenes) -> Result<Self> {
         let singles: usize = draft.draftees().map(|it| it.model.placements().count()).sum();
         let mut bytes = singles * size_of::<Placed>() + size_of::<u32>() * draft.instances.len();
         let mut count = singles;
@@ -160,21 +150,15 @@ impl Placing {
         }
         let of_arrays = draft.arrays.iter().map(|it| it.array.len() as usize);
         let instances = of_arrays.fold(draft.instances.len(), usize::saturating_add);
-        let (mut inner, mut inner_instances) = (0u64, 0u64);
-        for it in scenes {
-            inner = inner.saturating_add(it.placement.len());
-            inner_instances = inner_instances.saturating_add(it.placement.instance_count());
-            bytes += it.models.len() * size_of::<u32>();
+        let members = count.saturating_add(scenes.members(draft));
+        if members.max(instances) >= 1 << 31 {
+            let why = "a scene must have fewer than 2^31 instances, placed trees and scenes of its own";
+            return Err(Error::bad_argument(why));
         }
-        let refuse = |what: &str| Err(Error::bad_argument(format!("a scene must have fewer than {what}")));
-        if count.saturating_add(scenes.len()) >= 1 << 31 || instances >= 1 << 31 {
-            return refuse("2^31 instances, placed trees and scenes of its own");
-        }
-        if inner.max(inner_instances) >= MOST_OCCURRENCES - (1 << 31) {
-            return refuse("2^63 placed trees, those of scenes in it included");
-        }
-        let members = count + scenes.len();
-        Ok(Self { singles, own: count, inner, bytes: (bytes + members * Self::BUILD) as u64 })
+        let of_own = Counts { placed: count as u64, instances: instances as u64 };
+        bytes += scenes.bytes(draft);
+        let all = scenes.counts(draft, of_own)?;
+        Ok(Self { singles, own: count, members, count: all, bytes: (bytes + members * Self::BUILD) as u64 })
     }
 
     /// Places the trees, and builds the top tree over them.
@@ -184,12 +168,12 @@ impl Placing {
         draft: &Draft,
         instances: &[Instance],
         models: &[Model],
-        of: OfModels,
-        scenes: &[Arc<SceneState>],
+        models_of: Vec<Vec<u32>>,
+        scenes: &InnerScenes,
     ) -> Result<Placement> {
         let what = "the placed trees of a scene";
         let mut memory = scene.context().residency().keep(what, self.bytes)?;
-        let mut hits: Vec<(u32, DBounds)> = room(self.own + scenes.len(), what)?;
+        let mut hits: Vec<(u32, DBounds)> = room(self.members, what)?;
         let (mut singles, mut firsts) = (room(self.singles, what)?, room(instances.len(), what)?);
         let (mut around, mut position_error) = (DBounds::EMPTY, 0.0f64);
         // Bytes of measures that are not stored.
@@ -210,10 +194,9 @@ impl Placing {
             }
         }
         let (singles, firsts) = (Arc::new(singles), Arc::new(firsts));
-        let (own, count) = (self.own as u32, self.own as u64 + self.inner);
+        let (own, count) = (self.own as u32, self.count);
         let mut placement = Placement { own, count, singles, firsts, ..Placement::default() };
-        let mut placed_scenes = room(scenes.len(), what)?;
-        for (it, of) in draft.arrays.iter().zip(of.arrays) {
+        for (it, of) in draft.arrays.iter().zip(models_of) {
             let first_instance = placement.own_instances() as u32;
             let (array, count) = placed_array(it, &of, [hits.len() as u32, first_instance])?;
             for number in array.first..array.first + count {
@@ -222,37 +205,15 @@ impl Placing {
             left += (count as usize - array.measures.len()) * size_of::<Measures>();
             placement.arrays.push(array);
         }
-        let (mut first, mut first_instance) = (u64::from(own), placement.own_instances());
-        for ((it, inner), models) in draft.scenes.values().zip(scenes).zip(of.scenes) {
-            let (id, world_from_scene, scene) = (it.id, it.world_from_scene, Arc::clone(inner));
-            hits.push((hits.len() as u32, bounds_of_scene(inner, &world_from_scene)));
-            let stretch = Measures::of(&world_from_scene.matrix3).stretch;
-            position_error = position_error.max(stretch * inner.placement.position_error);
-            let placed = PlacedScene { id, first, first_instance, scene, world_from_scene, models };
-            if !placed.factors().are_sound() {
-                let why = format!("scene {id}: all transforms down to an instance are singular, or nearly so");
-                return Err(Error::bad_argument(why));
-            }
-            first += inner.placement.len();
-            first_instance += inner.placement.instance_count();
-            placed_scenes.push(placed);
-        }
-        let are_all = placed_scenes.is_empty();
-        placement.scenes = Arc::new(placed_scenes);
-        placement.top = TopTree::build(hits)?;
-        let members = self.own + scenes.len();
-        memory.shrink_to(self.bytes - (members * Self::BUILD + left) as u64 + placement.top.bytes());
-        placement.bounds = if are_all { around.into() } else { OnceLock::new() };
         placement.position_error = position_error;
+        placement.bounds = if scenes.all().next().is_none() { around.into() } else { OnceLock::new() };
+        let index_of = |model: &Model| models.iter().position(|it| it.same(model)).unwrap_or(0) as u32;
+        scenes.place(draft, &mut placement, &mut hits, index_of)?;
+        placement.top = TopTree::build(hits)?;
+        memory.shrink_to(self.bytes - (self.members * Self::BUILD + left) as u64 + placement.top.bytes());
         placement.memory = Arc::new(memory);
         Ok(placement)
     }
-}
-
-/// Indices of the models of each array, and of each scene, in their orders.
-struct OfModels {
-    arrays: Vec<Vec<u32>>,
-    scenes: Vec<Vec<u32>>,
 }
 
 /// The measures of `count` maps; none if all change all lengths alike.

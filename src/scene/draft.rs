@@ -21,6 +21,8 @@ pub(super) struct Draft {
     /// Index in `instances` of each id.
     pub(super) index: HashMap<u64, usize>,
     pub(super) arrays: Vec<DraftArray>,
+    /// Arrays of scenes.
+    pub(super) scene_arrays: Vec<DraftSceneArray>,
     /// Scenes in this one, in the order added.
     pub(super) scenes: BTreeMap<u64, DraftScene>,
     /// The key in `scenes` of each id.
@@ -30,7 +32,7 @@ pub(super) struct Draft {
     /// True if an instance was moved, added or removed since the last commit, except for members of arrays that moved.
     pub(super) moved: bool,
     /// The members of arrays that moved: the index of the array, and the members.
-    pub(super) shifted: Vec<(usize, Range<u32>)>,
+    pub(super) shifted: Vec<(ArrayKey, Range<u32>)>,
     /// The looks of instances whose parts look as in the file.
     pub(super) plain: Arc<PartsShown>,
     /// Number of instances that `memory` pays for.
@@ -76,6 +78,26 @@ pub(super) struct DraftArray {
     pub own: HashMap<u32, DraftState>,
     /// For the states of its own.
     pub(super) memory: Kept,
+}
+
+/// An array of scenes in the next commit.
+pub(super) struct DraftSceneArray {
+    pub array: Arc<Array>,
+    pub scenes: Vec<Scene>,
+    /// The state of members that have none of their own.
+    pub common: DraftState,
+    pub own: HashMap<u32, DraftState>,
+    /// For the states of its own.
+    pub(super) memory: Kept,
+}
+
+/// The array that an instance is of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum ArrayKey {
+    /// The index of an array of models.
+    Models(usize),
+    /// The index of an array of scenes.
+    Scenes(usize),
 }
 
 impl DraftArray {
@@ -135,12 +157,13 @@ impl Draft {
     /// Fails if one of `count` ids from `first` on is taken.
     pub(super) fn check_new(&self, first: u64, count: u64) -> Result<()> {
         let last = first + (count - 1);
-        let of_array = |it: &DraftArray| {
-            let from = it.array.first_id;
-            let to = from + u64::from(it.array.len() - 1);
+        let of_array = |it: &Arc<Array>| {
+            let from = it.first_id;
+            let to = from + u64::from(it.len() - 1);
             (from <= last && first <= to).then_some(from.max(first))
         };
-        let in_arrays = self.arrays.iter().find_map(of_array);
+        let of_scenes = self.scene_arrays.iter().map(|it| &it.array);
+        let in_arrays = self.arrays.iter().map(|it| &it.array).chain(of_scenes).find_map(of_array);
         let alone = || first_in(&self.index, first..=last).or_else(|| first_in(&self.scene_at, first..=last));
         match in_arrays.or_else(alone) {
             Some(id) => Err(Error::bad_argument(format!("instance {id} already exists"))),
@@ -149,8 +172,19 @@ impl Draft {
     }
 
     /// The array that an id is of, and its member.
-    pub(super) fn member(&self, id: u64) -> Option<(usize, u32)> {
-        self.arrays.iter().enumerate().find_map(|(i, it)| Some((i, it.array.member(id)?)))
+    pub(super) fn member(&self, id: u64) -> Option<(ArrayKey, u32)> {
+        let of = |it: &Arc<Array>, key| Some((key, it.member(id)?));
+        let models = self.arrays.iter().enumerate().find_map(|(i, it)| of(&it.array, ArrayKey::Models(i)));
+        let scenes = || self.scene_arrays.iter().enumerate().find_map(|(i, it)| of(&it.array, ArrayKey::Scenes(i)));
+        models.or_else(scenes)
+    }
+
+    /// The content of an array.
+    pub(super) fn array(&mut self, key: ArrayKey) -> &mut Arc<Array> {
+        match key {
+            ArrayKey::Models(at) => &mut self.arrays[at].array,
+            ArrayKey::Scenes(at) => &mut self.scene_arrays[at].array,
+        }
     }
 
     pub(super) fn refuse_member(&self, id: u64, what: &str) -> Result<()> {
@@ -170,14 +204,18 @@ impl Draft {
 
     /// The model of an instance.
     pub(super) fn model(&mut self, id: u64) -> Result<&Model> {
+        let is_scene = || Err(Error::bad_argument(format!("instance {id} is a scene: its parts have looks there")));
         if self.scene_at.contains_key(&id) {
-            return Err(Error::bad_argument(format!("instance {id} is a scene: its parts have looks there")));
+            return is_scene();
         }
-        if let Some((array, member)) = self.member(id) {
-            let it = &self.arrays[array];
-            return Ok(&it.models[it.array.prototype_of(member) as usize]);
+        match self.member(id) {
+            Some((ArrayKey::Models(array), member)) => {
+                let it = &self.arrays[array];
+                Ok(&it.models[it.array.prototype_of(member) as usize])
+            }
+            Some((ArrayKey::Scenes(_), _)) => is_scene(),
+            None => Ok(&self.instance(id)?.model),
         }
-        Ok(&self.instance(id)?.model)
     }
 
     /// The state of an instance, to be edited. A member of an array gets one of its own.
@@ -187,11 +225,20 @@ impl Draft {
             return Ok(&mut it.state);
         }
         let Some((array, member)) = self.member(id) else { return Ok(&mut self.instance(id)?.state) };
-        let it = &mut self.arrays[array];
-        if !it.own.contains_key(&member) {
-            it.memory.grow_to(context.residency(), looks::WHAT, ((it.own.len() + 1) * OWN) as u64)?;
+        let (own, common, memory) = match array {
+            ArrayKey::Models(at) => {
+                let DraftArray { own, common, memory, .. } = &mut self.arrays[at];
+                (own, common, memory)
+            }
+            ArrayKey::Scenes(at) => {
+                let DraftSceneArray { own, common, memory, .. } = &mut self.scene_arrays[at];
+                (own, common, memory)
+            }
+        };
+        if !own.contains_key(&member) {
+            memory.grow_to(context.residency(), looks::WHAT, ((own.len() + 1) * OWN) as u64)?;
         }
-        Ok(it.own.entry(member).or_insert_with(|| it.common.clone()))
+        Ok(own.entry(member).or_insert_with(|| common.clone()))
     }
 
     /// Removes the gaps that removed instances left.

@@ -1,8 +1,8 @@
 //! A scene: instances, lights and looks of parts. Edits are free at any time; jobs see them only after a commit.
 
-use super::array::{Array, Instances, Transforms};
+use super::array::{Array, Instances, Prototypes, Transforms};
 use super::context::Context;
-use super::draft::{Draft, DraftArray, DraftScene, DraftState, Draftee};
+use super::draft::{ArrayKey, Draft, DraftArray, DraftScene, DraftSceneArray, DraftState, Draftee};
 use super::light::{Background, Light};
 use super::looks::{Look, PartLooks};
 use super::measures::check_transform;
@@ -12,6 +12,7 @@ use crate::base::error::{Error, Result};
 use crate::residency::Kept;
 use arc_swap::{ArcSwap, Guard};
 use glam::DAffine3;
+use std::any::Any;
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -34,12 +35,13 @@ impl Drop for Inner {
     fn drop(&mut self) {
         let scenes_of = |inner: &mut Self| {
             let draft = inner.draft.get_mut().unwrap_or_else(PoisonError::into_inner);
-            std::mem::take(&mut draft.scenes)
+            let of_arrays = std::mem::take(&mut draft.scene_arrays).into_iter().flat_map(|it| it.scenes);
+            std::mem::take(&mut draft.scenes).into_values().map(|it| it.scene).chain(of_arrays).collect::<Vec<Scene>>()
         };
-        let mut todo: Vec<Scene> = scenes_of(self).into_values().map(|it| it.scene).collect();
+        let mut todo: Vec<Scene> = scenes_of(self);
         while let Some(scene) = todo.pop() {
             if let Some(mut inner) = Arc::into_inner(scene.0) {
-                todo.extend(scenes_of(&mut inner).into_values().map(|it| it.scene));
+                todo.extend(scenes_of(&mut inner));
             }
         }
     }
@@ -68,6 +70,7 @@ impl Scene {
             instances,
             index,
             arrays: Vec::new(),
+            scene_arrays: Vec::new(),
             scenes: BTreeMap::new(),
             scene_at: HashMap::new(),
             lights,
@@ -108,22 +111,41 @@ impl Scene {
         Ok(())
     }
 
-    /// Adds many instances of a few models, with consecutive ids. Each takes the memory of its transform and of its
-    /// place in the tree over all; what only some of them have, such as a look, takes more for these alone. Their
-    /// transforms are checked, which takes a fraction of a microsecond each.
+    /// Adds many instances of a few models or scenes, with consecutive ids. Each takes the memory of its transform and
+    /// of its place in the tree over all; what only some of them have, such as a look, takes more for these alone.
+    /// Their transforms are checked, which takes a fraction of a microsecond each. Scenes are as [`Scene::add_scene`]
+    /// says.
     ///
-    /// Fails with `BadArgument` if an id is taken, a model belongs to another context, an index or a transform is wrong
-    /// (the error names the first), and with `OverBudget`. After a failure nothing was added.
+    /// Fails with `BadArgument` if an id is taken, a model or scene belongs to another context, a scene is this one or
+    /// has it in it, an index or a transform is wrong (the error names the first), and with `OverBudget`. After a
+    /// failure nothing was added.
     pub fn add_instances(&self, instances: &Instances) -> Result<()> {
-        if !instances.prototypes.iter().all(|model| model.context().same(&self.0.context)) {
+        let context = &self.0.context;
+        let are_of_context = match &instances.prototypes {
+            Prototypes::Models(all) => all.iter().all(|model| model.context().same(context)),
+            Prototypes::Scenes(all) => all.iter().all(|scene| scene.context().same(context)),
+        };
+        if !are_of_context {
             return Err(Error::bad_argument("a prototype belongs to another context"));
+        }
+        // Two threads might put two scenes into each other.
+        let _nesting = matches!(instances.prototypes, Prototypes::Scenes(_)).then(|| context.nesting());
+        if let Prototypes::Scenes(all) = &instances.prototypes
+            && all.iter().any(|scene| scene.has(self))
+        {
+            return Err(Error::bad_argument("the scene would be in itself"));
         }
         let array = Arc::new(Array::new(instances, self.0.context.residency())?);
         let mut draft = self.draft();
         draft.check_new(array.first_id, array.len().into())?;
         let common = DraftState { mask: instances.mask, ..DraftState::plain(&draft.plain) };
-        let models = instances.prototypes.clone();
-        draft.arrays.push(DraftArray { array, models, common, own: HashMap::new(), memory: Kept::default() });
+        let (own, memory) = (HashMap::new(), Kept::default());
+        match instances.prototypes.clone() {
+            Prototypes::Models(models) => draft.arrays.push(DraftArray { array, models, common, own, memory }),
+            Prototypes::Scenes(scenes) => {
+                draft.scene_arrays.push(DraftSceneArray { array, scenes, common, own, memory });
+            }
+        }
         draft.moved = true;
         Ok(())
     }
@@ -163,7 +185,9 @@ impl Scene {
                 return true;
             }
             if seen.insert(Arc::as_ptr(&scene.0)) {
-                todo.extend(scene.draft().scenes.values().map(|it| it.scene.clone()));
+                let draft = scene.draft();
+                let of_arrays = draft.scene_arrays.iter().flat_map(|it| &it.scenes);
+                todo.extend(draft.scenes.values().map(|it| &it.scene).chain(of_arrays).cloned());
             }
         }
         false
@@ -172,12 +196,16 @@ impl Scene {
     /// Removes all instances that were added together, the first with the id `first_id`. Fails with `BadArgument` if
     /// there are none. Cheap.
     pub fn remove_instances(&self, first_id: u64) -> Result<()> {
-        let removed = {
+        // The last reference of a model closes its source: functions of the host are called without the lock.
+        let removed: Box<dyn Any> = {
             let mut draft = self.draft();
-            let at = draft.arrays.iter().position(|it| it.array.first_id == first_id);
+            let at = draft.member(first_id).filter(|(_, member)| *member == 0);
             let at = at.ok_or_else(|| Error::bad_argument(format!("no array of instances begins with {first_id}")))?;
             draft.moved = true;
-            draft.arrays.remove(at)
+            match at.0 {
+                ArrayKey::Models(at) => Box::new(draft.arrays.remove(at)),
+                ArrayKey::Scenes(at) => Box::new(draft.scene_arrays.remove(at)),
+            }
         };
         drop(removed);
         Ok(())
@@ -210,7 +238,7 @@ impl Scene {
         if let Some(it) = draft.scene(id) {
             it.world_from_scene = world_from_model;
         } else if let Some((array, member)) = draft.member(id) {
-            let transforms = draft.arrays[array].array.in_form(&world_from_model)?;
+            let transforms = draft.array(array).in_form(&world_from_model)?;
             return self.shift(&mut draft, array, member, &transforms);
         } else {
             draft.instance(id)?.world_from_model = world_from_model;
@@ -227,7 +255,7 @@ impl Scene {
         let Some((array, member)) = draft.member(first_id) else {
             return Err(Error::bad_argument(format!("instance {first_id} is of no array")));
         };
-        let left = draft.arrays[array].array.len() - member;
+        let left = draft.array(array).len() - member;
         if transforms.len() > left as usize {
             let count = transforms.len();
             return Err(Error::bad_argument(format!("{count} transforms, but {left} instances from {first_id} on")));
@@ -236,8 +264,8 @@ impl Scene {
     }
 
     /// Replaces the transforms of members of an array, from `member` on.
-    fn shift(&self, draft: &mut Draft, array: usize, member: u32, transforms: &Transforms) -> Result<()> {
-        Array::replace(&mut draft.arrays[array].array, member, transforms, self.0.context.residency())?;
+    fn shift(&self, draft: &mut Draft, array: ArrayKey, member: u32, transforms: &Transforms) -> Result<()> {
+        Array::replace(draft.array(array), member, transforms, self.0.context.residency())?;
         // A commit that places all needs no list.
         if !draft.moved {
             draft.shifted.push((array, member..member + transforms.len() as u32));

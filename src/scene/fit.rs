@@ -130,11 +130,11 @@ pub const MARGIN: f64 = 0.05;
 /// squares of such lengths are lost.
 const LEAST_SIZE: f64 = 1e-18;
 
-/// What is chosen: an instance, or a scene in the scene, by its index.
+/// The instance that is chosen, or the scene in the scene, by its first instance.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 enum Of {
     Instance(u64),
-    Scene(usize),
+    Scene(u64),
 }
 
 /// Returns the chosen parts of an instance; `None` stands for all.
@@ -164,8 +164,8 @@ impl SceneState {
         let mut rough = Supports::new(&frame, self.bounds().center());
         if chosen.is_empty() {
             (0..self.placement.own_instances()).for_each(|instance| self.support(instance, None, &mut supports));
-            for scene in 0..self.placement.scenes.len() {
-                self.support_scene(scene, None, [&mut supports, &mut rough])?;
+            if !self.placement.has_no_scenes() {
+                self.support_scenes(Search::begin(self), None, [&mut supports, &mut rough])?;
             }
         } else {
             for (of, parts) in self.chosen(chosen)? {
@@ -175,7 +175,11 @@ impl SceneState {
                 };
                 match of {
                     Of::Instance(instance) => self.support(instance, chosen(instance)?.as_deref(), &mut supports),
-                    Of::Scene(scene) => self.support_scene(scene, Some(&chosen), [&mut supports, &mut rough])?,
+                    Of::Scene(first) => {
+                        let Some(it) = self.inner_of(first) else { continue };
+                        let search = Search::in_scene(self, it);
+                        self.support_scenes(search, Some(&chosen), [&mut supports, &mut rough])?;
+                    }
                 }
             }
         }
@@ -196,13 +200,11 @@ impl SceneState {
             if instances.is_empty() {
                 return Err(Error::bad_argument(format!("fit: instance {} does not exist", one.instance)));
             }
-            let of = self.scene_of(instances.start).map_or(Of::Instance(instances.start), Of::Scene);
-            let has = |part: u64| match of {
-                Of::Instance(instance) => self.model_of_instance(instance).part_index(part).is_some(),
-                Of::Scene(scene) => {
-                    let mut models = self.placement.scenes[scene].scene.models.iter();
-                    models.any(|model| model.part_index(part).is_some())
-                }
+            let inner = self.inner_of(instances.start);
+            let of = inner.map_or(Of::Instance(instances.start), |it| Of::Scene(it.first_instance));
+            let has = |part: u64| match inner {
+                None => self.model_of_instance(instances.start).part_index(part).is_some(),
+                Some(it) => it.scene.models.iter().any(|model| model.part_index(part).is_some()),
             };
             if let Some(part) = one.part.filter(|part| !has(*part)) {
                 return Err(Error::bad_argument(format!("fit: the model has no part {part}")));
@@ -216,14 +218,13 @@ impl SceneState {
         Ok(all)
     }
 
-    /// Adds the visible ones of the parts in a scene in this one, or of those that `chosen` returns for an instance.
-    fn support_scene(
+    /// Adds the visible ones of the parts of a search, or of those that `chosen` returns for an instance.
+    fn support_scenes(
         &self,
-        scene: usize,
+        mut search: Search,
         chosen: Option<ChosenOf>,
         [supports, rough]: [&mut Supports; 2],
     ) -> Result<()> {
-        let mut search = Search::in_scene(self, scene);
         let world = supports.placed(&DAffine3::IDENTITY);
         while let Some(number) = search.next(self, |b| {
             // A box that reaches but a little beyond the rest stands for all in it: otherwise all at the bounds would be

@@ -1,8 +1,9 @@
 //! Scenes in scenes, as rays and searches enter them: the top trees of all levels as one tree, whose leaves are placed
 //! trees. Nothing is stored for it: a scene's tree is the same in all places.
 
+use super::inner::Inner;
 use super::placed::Placed;
-use super::placement::{Member, PlacedScene};
+use super::placement::Member;
 use super::state::SceneState;
 use crate::math::DBounds;
 use crate::structure::{MemberChild, Members};
@@ -58,9 +59,9 @@ impl<'a> Frame<'a> {
     }
 
     /// A scene in this one.
-    pub fn inside(&self, it: &'a PlacedScene) -> Self {
+    pub fn inside(&self, it: Inner<'a>) -> Self {
         let map = self.world_from_scene.map_or(it.world_from_scene, |outer| outer * it.world_from_scene);
-        Self { scene: &it.scene, world_from_scene: Some(map), first: self.first + it.first, level: self.level + 1 }
+        Self { scene: it.scene, world_from_scene: Some(map), first: self.first + it.first, level: self.level + 1 }
     }
 
     /// The tree over its members, if it has more than one, and the frame of the boxes there.
@@ -196,9 +197,8 @@ impl Search {
     }
 
     /// Begins in one of the scenes in a scene.
-    pub(super) fn in_scene(scene: &SceneState, index: usize) -> Self {
-        let inner = Frame::outermost(scene).inside(&scene.placement.scenes[index]);
-        Self(inner.root().into_iter().collect())
+    pub(super) fn in_scene(scene: &SceneState, inner: Inner) -> Self {
+        Self(Frame::outermost(scene).inside(inner).root().into_iter().collect())
     }
 
     /// Begins again.

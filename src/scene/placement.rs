@@ -3,6 +3,7 @@
 //! takes the same memory in each place, however much is in it.
 
 use super::array::Array;
+use super::inner::{Counts, Inner, PlacedScene, PlacedSceneArray};
 use super::measures::{Factors, Measures};
 use super::model::Model;
 use super::placed::Placed;
@@ -11,14 +12,15 @@ use super::top::TopTree;
 use crate::math::DBounds;
 use crate::residency::Kept;
 use glam::DAffine3;
+use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 
 /// The placed trees of a scene, by number: those of single instances in the order added, each with its trees in the
 /// model's own order; then those of arrays, member by member; then those of scenes in this one, in their
 /// own order. States that differ only in looks share it.
 ///
-/// The members of the top tree are the placed trees of single instances and of arrays, by the same numbers, and then
-/// the scenes in this one.
+/// The members of the top tree are the placed trees of single instances and of arrays, by the same numbers, then the
+/// scenes in this one, and then the members of arrays of scenes.
 pub(crate) struct Placement {
     /// Those of single instances.
     pub(super) singles: Arc<Vec<Placed>>,
@@ -26,10 +28,11 @@ pub(crate) struct Placement {
     pub(super) firsts: Arc<Vec<u32>>,
     pub(super) arrays: Vec<PlacedArray>,
     pub(super) scenes: Arc<Vec<PlacedScene>>,
+    pub(super) scene_arrays: Arc<Vec<PlacedSceneArray>>,
     /// Number of the placed trees of single instances and of arrays.
     pub(super) own: u32,
-    /// Number of all placed trees.
-    pub(super) count: u64,
+    /// Numbers of all placed trees and instances.
+    pub(super) count: Counts,
     /// The top tree over the boxes of all that rays may hit.
     pub top: TopTree,
     /// Bounds of all triangles, unless they are still to be computed.
@@ -50,8 +53,9 @@ impl Default for Placement {
             firsts: Arc::default(),
             arrays: Vec::new(),
             scenes: Arc::default(),
+            scene_arrays: Arc::default(),
             own: 0,
-            count: 0,
+            count: Counts::default(),
             top: TopTree::default(),
             bounds: OnceLock::new(),
             position_error: 0.0,
@@ -75,34 +79,6 @@ pub(super) struct PlacedArray {
     pub starts: Arc<Vec<u32>>,
     /// Of each placed tree; empty if all maps change all lengths alike.
     pub measures: Arc<Vec<Measures>>,
-}
-
-/// A scene in another.
-pub(super) struct PlacedScene {
-    /// The caller's id.
-    pub id: u64,
-    /// The number of its first placed tree.
-    pub first: u64,
-    /// The number of its first instance.
-    pub first_instance: u64,
-    /// As it was at the commit.
-    pub scene: Arc<SceneState>,
-    pub world_from_scene: DAffine3,
-    /// The index, in the outer scene, of each of its models.
-    pub models: Vec<u32>,
-}
-
-impl PlacedScene {
-    /// Those of all maps to placed trees in it, or wider.
-    pub fn factors(&self) -> Factors {
-        self.scene.placement.factors().under(&self.world_from_scene.matrix3)
-    }
-
-    /// The ids in the outer scene of a placed tree.
-    fn outer(&self, inner: PlacedIds) -> PlacedIds {
-        let (model, instance) = (self.models[inner.model as usize], self.first_instance + inner.instance);
-        PlacedIds { model, instance, ..inner }
-    }
 }
 
 /// A placed tree before its frame is computed.
@@ -164,7 +140,7 @@ impl PlacedArray {
     }
 
     /// The numbers of the placed trees of a member.
-    pub fn numbers_of(&self, member: u32) -> std::ops::Range<u32> {
+    pub fn numbers_of(&self, member: u32) -> Range<u32> {
         let at = |member: u32| match self.starts.get(member as usize) {
             Some(start) => self.first + start,
             None => self.first + member,
@@ -211,14 +187,14 @@ pub(super) fn hit_bounds(placed: &Placed, models: &[Model]) -> DBounds {
 pub(super) enum Member<'a> {
     /// A placed tree, by its number.
     Placed(u32),
-    Scene(&'a PlacedScene),
+    Scene(Inner<'a>),
 }
 
 /// The array or scene that holds placed trees which are not of single instances.
 #[derive(Clone, Copy)]
 pub(super) enum Holder<'a> {
     Array(&'a PlacedArray),
-    Scene(&'a PlacedScene),
+    Scene(Inner<'a>),
 }
 
 /// The tree, model, instance and parts of a placed tree.
@@ -247,9 +223,37 @@ impl Placement {
 
     /// The scene that holds a placed tree which is of no instance of this scene's own.
     #[inline]
-    pub(super) fn scene_with(&self, number: u64) -> &PlacedScene {
-        // Scenes with nothing in them begin where the next one does.
-        &self.scenes[self.scenes.partition_point(|it| it.first <= number) - 1]
+    pub(super) fn scene_with(&self, number: u64) -> Inner<'_> {
+        self.scene_of(number, |it| it.placed)
+    }
+
+    /// The scene that holds the placed tree or the instance with a number, as `of` chooses.
+    fn scene_of(&self, number: u64, of: fn(&Counts) -> u64) -> Inner<'_> {
+        // What has nothing in it begins where the next one does.
+        if let Some(at) = self.scene_arrays.partition_point(|it| of(&it.first) <= number).checked_sub(1) {
+            let array = &self.scene_arrays[at];
+            return array.inner(at, array.with(number, of));
+        }
+        let at = self.scenes.partition_point(|it| of(&it.first) <= number) - 1;
+        self.scenes[at].inner(at)
+    }
+
+    /// True if there is nothing but single instances and arrays of models.
+    pub(super) fn has_no_scenes(&self) -> bool {
+        self.scenes.is_empty() && self.scene_arrays.is_empty()
+    }
+
+    /// All scenes in this one, each once, however often they are in it.
+    pub(super) fn inner_scenes(&self) -> impl Iterator<Item = &Arc<SceneState>> {
+        let of_arrays = self.scene_arrays.iter().flat_map(|it| it.prototypes.iter());
+        self.scenes.iter().map(|it| &it.of).chain(of_arrays).map(|it| &it.scene)
+    }
+
+    /// All scenes in this one, where they stand.
+    pub(super) fn inners(&self) -> impl Iterator<Item = Inner<'_>> {
+        let arrays = self.scene_arrays.iter().enumerate();
+        let of_arrays = arrays.flat_map(|(at, it)| (0..it.len()).map(move |member| it.inner(at, member)));
+        self.scenes.iter().enumerate().map(|(at, it)| it.inner(at)).chain(of_arrays)
     }
 
     /// A member of the top tree.
@@ -257,8 +261,17 @@ impl Placement {
     pub(super) fn member(&self, member: u32) -> Member<'_> {
         match member.checked_sub(self.own) {
             None => Member::Placed(member),
-            Some(scene) => Member::Scene(&self.scenes[scene as usize]),
+            Some(at) => Member::Scene(self.inner_at(member, at as usize)),
         }
+    }
+
+    /// A scene by its member; `at`: its index among the scenes.
+    fn inner_at(&self, member: u32, at: usize) -> Inner<'_> {
+        if let Some(it) = self.scenes.get(at) {
+            return it.inner(at);
+        }
+        let at = self.scene_arrays.partition_point(|it| it.first_member <= member) - 1;
+        self.scene_arrays[at].inner(at, member - self.scene_arrays[at].first_member)
     }
 
     /// The placed tree of a single instance; `None`: it is of another.
@@ -315,19 +328,33 @@ impl Placement {
         }
     }
 
-    /// The array or the scene of an instance that is not a single one, its index, and the number of the instance there.
-    pub(super) fn holder_of_instance(&self, instance: u64) -> (Holder<'_>, usize, u64) {
-        if let Some(at) = self.scenes.partition_point(|it| it.first_instance <= instance).checked_sub(1) {
-            return (Holder::Scene(&self.scenes[at]), at, instance - self.scenes[at].first_instance);
+    /// The array or the scene of an instance that is not a single one, and the number of the instance there.
+    pub(super) fn holder_of_instance(&self, instance: u64) -> (Holder<'_>, u64) {
+        if instance >= self.own_instances() {
+            let it = self.scene_of(instance, |it| it.instances);
+            return (Holder::Scene(it), instance - it.first_instance);
         }
-        let at = self.arrays.partition_point(|it| u64::from(it.first_instance) <= instance) - 1;
-        (Holder::Array(&self.arrays[at]), at, instance - u64::from(self.arrays[at].first_instance))
+        let array = &self.arrays[self.array_with(instance)];
+        (Holder::Array(array), instance - u64::from(array.first_instance))
     }
 
-    /// The number of the instance with an id, if it is of an array.
-    pub(super) fn member_with(&self, id: u64) -> Option<u64> {
-        let of_array = |it: &PlacedArray| Some(u64::from(it.first_instance + it.array.member(id)?));
-        self.arrays.iter().find_map(of_array)
+    /// The index of the array that has an instance.
+    pub(super) fn array_with(&self, instance: u64) -> usize {
+        self.arrays.partition_point(|it| u64::from(it.first_instance) <= instance) - 1
+    }
+
+    /// The numbers of the instances with an id, if they are of an array.
+    pub(super) fn members_with(&self, id: u64) -> Option<Range<u64>> {
+        let of_array = |it: &PlacedArray| {
+            let member = u64::from(it.first_instance + it.array.member(id)?);
+            Some(member..member + 1)
+        };
+        let of_scenes = |(at, it): (usize, &PlacedSceneArray)| {
+            let inner = it.inner(at, it.array.member(id)?);
+            Some(inner.first_instance..inner.first_instance + inner.scene.placement.instance_count())
+        };
+        let in_scenes = || self.scene_arrays.iter().enumerate().find_map(of_scenes);
+        self.arrays.iter().find_map(of_array).or_else(in_scenes)
     }
 
     /// Number of the instances that are of no scene in this one.
@@ -337,10 +364,7 @@ impl Placement {
 
     /// Number of all instances.
     pub fn instance_count(&self) -> u64 {
-        match self.scenes.last() {
-            Some(it) => it.first_instance + it.scene.placement.instance_count(),
-            None => self.own_instances(),
-        }
+        self.count.instances
     }
 
     /// Those of all maps to placed trees, or wider.
@@ -348,13 +372,13 @@ impl Placement {
         let all = || {
             let of_own = |number| Factors::of(&self.mesh(number).world_from_mesh.matrix3);
             let own = (0..u64::from(self.own)).map(of_own).fold(Factors::NONE, Factors::union);
-            self.scenes.iter().map(PlacedScene::factors).fold(own, Factors::union)
+            self.inners().map(|it| it.factors()).fold(own, Factors::union)
         };
         *self.factors.get_or_init(all)
     }
 
     /// Number of all placed trees.
     pub fn len(&self) -> u64 {
-        self.count
+        self.count.placed
     }
 }

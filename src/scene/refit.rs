@@ -1,8 +1,10 @@
 //! The placement after moves of members of arrays: that of the last commit with these members placed anew. All else is
 //! shared, so that the time grows with the number of moves.
 
-use super::draft::Draft;
+use super::commit_inner::checked_bounds;
+use super::draft::{ArrayKey, Draft};
 use super::edit::Scene;
+use super::frame::bounds_of_scene;
 use super::measures::Measures;
 use super::placement::{Placement, hit_bounds};
 use crate::base::error::Result;
@@ -19,15 +21,38 @@ impl Scene {
         if count == 0 || !before.top.may_move(count) {
             return Ok(None);
         }
-        let mut shifted: Vec<(usize, u32)> =
+        let mut shifted: Vec<(ArrayKey, u32)> =
             draft.shifted.iter().flat_map(|(at, members)| members.clone().map(|member| (*at, member))).collect();
         shifted.sort_unstable();
         shifted.dedup();
-        let mut arrays = before.arrays.clone();
-        let (mut moves, mut bounds) = (Vec::with_capacity(shifted.len()), before.bounds.get().copied());
-        let mut position_error = before.position_error;
+        let mut after = Placement {
+            singles: Arc::clone(&before.singles),
+            firsts: Arc::clone(&before.firsts),
+            arrays: before.arrays.clone(),
+            scenes: Arc::clone(&before.scenes),
+            scene_arrays: Arc::clone(&before.scene_arrays),
+            own: before.own,
+            count: before.count,
+            position_error: before.position_error,
+            memory: Arc::clone(&before.memory),
+            ..Placement::default()
+        };
+        let mut moves = Vec::with_capacity(shifted.len());
+        let mut bounds = before.bounds.get().copied().filter(|_| before.has_no_scenes());
         for (at, member) in shifted {
-            let array = &mut arrays[at];
+            let at = match at {
+                ArrayKey::Models(at) => at,
+                ArrayKey::Scenes(at) => {
+                    let arrays = Arc::make_mut(&mut after.scene_arrays);
+                    arrays[at].array = Arc::clone(&draft.scene_arrays[at].array);
+                    let [old, new] = [&before.scene_arrays, &after.scene_arrays].map(|all| all[at].inner(at, member));
+                    after.position_error = after.position_error.max(new.position_error());
+                    let number = before.scene_arrays[at].first_member + member;
+                    moves.push((number, [bounds_of_scene(old.scene, &old.world_from_scene), checked_bounds(&new)?]));
+                    continue;
+                }
+            };
+            let array = &mut after.arrays[at];
             array.array = Arc::clone(&draft.arrays[at].array);
             let linear = array.array.transform(member).matrix3;
             for number in array.numbers_of(member) {
@@ -38,30 +63,20 @@ impl Scene {
                 }
                 let [old, new] = [&before.arrays[at], array].map(|it| it.placed(number, &state.models));
                 moves.push((number, [&old, &new].map(|it| hit_bounds(it, &state.models))));
-                position_error = position_error.max(new.position_error);
+                after.position_error = after.position_error.max(new.position_error);
                 // Where it was at the edge, the rest may end earlier.
                 bounds = bounds.filter(|all| is_inside(&old.bounds, all)).map(|all| all.union(new.bounds));
             }
         }
         let Some(top) = before.top.moved(&moves) else { return Ok(None) };
-        let copies = arrays.iter().zip(&before.arrays).filter(|(it, was)| !Arc::ptr_eq(&it.measures, &was.measures));
+        let copies = after.arrays.iter().zip(&before.arrays);
+        let copies = copies.filter(|(it, was)| !Arc::ptr_eq(&it.measures, &was.measures));
         let copied: usize = copies.map(|(it, _)| size_of_val(&it.measures[..])).sum();
         let bytes = top.changed_bytes() + copied as u64;
-        let changed = self.context().residency().keep("the placed trees of a scene", bytes)?;
-        Ok(Some(Placement {
-            singles: Arc::clone(&before.singles),
-            firsts: Arc::clone(&before.firsts),
-            arrays,
-            scenes: Arc::clone(&before.scenes),
-            own: before.own,
-            count: before.count,
-            top,
-            bounds: bounds.map_or_else(OnceLock::new, OnceLock::from),
-            position_error,
-            memory: Arc::clone(&before.memory),
-            _changed: changed,
-            ..Placement::default()
-        }))
+        after._changed = self.context().residency().keep("the placed trees of a scene", bytes)?;
+        after.top = top;
+        after.bounds = bounds.map_or_else(OnceLock::new, OnceLock::from);
+        Ok(Some(after))
     }
 }
 

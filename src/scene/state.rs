@@ -2,11 +2,12 @@
 
 use super::context::Context;
 use super::frame::Search;
+use super::inner::{Inner, InnerKey};
 use super::light::{Background, Light};
 use super::looks::{Look, PartsShown};
 use super::model::Model;
 use super::placed::Placed;
-use super::placement::{Holder, PlacedIds, PlacedScene, Placement};
+use super::placement::{Holder, PlacedIds, Placement};
 use crate::math::DBounds;
 use crate::residency::Kept;
 use crate::structure::ShownBlocks;
@@ -51,6 +52,14 @@ pub(super) struct States {
     pub arrays: Vec<ArrayStates>,
     /// Of the instances of each scene in this one, under the state of that scene.
     pub scenes: Vec<Arc<States>>,
+    pub scene_arrays: Vec<SceneArrayStates>,
+}
+
+/// The states of what is in the members of an array of scenes.
+pub(super) struct SceneArrayStates {
+    /// Of each prototype, under the state of members that have none of their own.
+    pub common: Vec<Arc<States>>,
+    pub own: HashMap<u32, Arc<States>>,
 }
 
 impl States {
@@ -73,7 +82,7 @@ impl States {
             common: under(&it.common),
             own: it.own.iter().map(|(&member, state)| (member, under(state))).collect(),
         };
-        let scene = |it: &Arc<Self>| match done.get(&Arc::as_ptr(it)) {
+        let mut scene = |it: &Arc<Self>| match done.get(&Arc::as_ptr(it)) {
             Some(known) => Arc::clone(known),
             None => {
                 let new = Arc::new(it.under_once(outer, done));
@@ -81,19 +90,29 @@ impl States {
                 new
             }
         };
+        let scenes = self.scenes.iter().map(&mut scene).collect();
+        let of_scenes = |it: &SceneArrayStates| SceneArrayStates {
+            common: it.common.iter().map(&mut scene).collect(),
+            own: it.own.iter().map(|(&member, it)| (member, scene(it))).collect(),
+        };
         Self {
+            scene_arrays: self.scene_arrays.iter().map(of_scenes).collect(),
             singles: self.singles.iter().map(under).collect(),
             arrays: self.arrays.iter().map(of_array).collect(),
-            scenes: self.scenes.iter().map(scene).collect(),
+            scenes,
         }
     }
 
     /// Bytes of memory, without the looks of parts, and without what `seen` has. States of scenes in it count once.
     pub fn bytes(&self, seen: &mut HashSet<*const Self>) -> u64 {
         let of_arrays = self.arrays.iter().map(|it| (1 + 2 * it.own.len()) * size_of::<ArrayStates>());
-        let of_scenes = self.scenes.len() * size_of::<Arc<Self>>();
+        let inner = || {
+            let of_arrays = self.scene_arrays.iter().flat_map(|it| it.common.iter().chain(it.own.values()));
+            self.scenes.iter().chain(of_arrays)
+        };
+        let of_scenes = inner().count() * size_of::<Arc<Self>>();
         let own = self.singles.len() * size_of::<InstanceState>() + of_arrays.sum::<usize>() + of_scenes;
-        let inner: Vec<_> = self.scenes.iter().filter(|it| seen.insert(Arc::as_ptr(it))).collect();
+        let inner: Vec<_> = inner().filter(|it| seen.insert(Arc::as_ptr(it))).collect();
         (size_of::<Self>() + own) as u64 + inner.into_iter().map(|it| it.bytes(seen)).sum::<u64>()
     }
 
@@ -110,11 +129,21 @@ impl States {
             return single;
         }
         match placement.holder_of_instance(instance) {
-            (Holder::Array(_), at, member) => {
-                let states = &self.arrays[at];
+            (Holder::Array(_), member) => {
+                let states = &self.arrays[placement.array_with(instance)];
                 states.own.get(&(member as u32)).unwrap_or(&states.common)
             }
-            (Holder::Scene(it), at, inner) => self.scenes[at].of(&it.scene.placement, inner),
+            (Holder::Scene(it), inner) => {
+                let states = match it.key {
+                    InnerKey::Single(at) => &self.scenes[at],
+                    InnerKey::Member(at, member) => {
+                        let states = &self.scene_arrays[at];
+                        let prototype = placement.scene_arrays[at].array.prototype_of(member);
+                        states.own.get(&member).unwrap_or(&states.common[prototype as usize])
+                    }
+                };
+                states.of(&it.scene.placement, inner)
+            }
         }
     }
 }
@@ -184,8 +213,8 @@ impl SceneState {
             return single.id;
         }
         match self.placement.holder_of_instance(instance) {
-            (Holder::Array(it), _, member) => it.array.first_id + member,
-            (Holder::Scene(it), ..) => it.id,
+            (Holder::Array(it), member) => it.array.first_id + member,
+            (Holder::Scene(it), _) => it.id,
         }
     }
 
@@ -195,8 +224,8 @@ impl SceneState {
             return &self.models[single.model as usize];
         }
         match self.placement.holder_of_instance(instance) {
-            (Holder::Array(it), _, member) => &self.models[it.prototype(member as u32).model as usize],
-            (Holder::Scene(it), _, inner) => it.scene.model_of_instance(inner),
+            (Holder::Array(it), member) => &self.models[it.prototype(member as u32).model as usize],
+            (Holder::Scene(it), inner) => it.scene.model_of_instance(inner),
         }
     }
 
@@ -206,8 +235,8 @@ impl SceneState {
             return single.world_from_model;
         }
         match self.placement.holder_of_instance(instance) {
-            (Holder::Array(it), _, member) => it.array.transform(member as u32),
-            (Holder::Scene(it), _, inner) => it.world_from_scene * it.scene.world_from_model(inner),
+            (Holder::Array(it), member) => it.array.transform(member as u32),
+            (Holder::Scene(it), inner) => it.world_from_scene * it.scene.world_from_model(inner),
         }
     }
 
@@ -224,24 +253,34 @@ impl SceneState {
             }
             match scene.placement.holder_of_instance(instance) {
                 (Holder::Array(_), ..) => return Some((ids, world_from_model)),
-                (Holder::Scene(it), _, inner) => (scene, instance) = (&it.scene, inner),
+                (Holder::Scene(it), inner) => (scene, instance) = (it.scene, inner),
             }
         }
     }
 
-    /// The index, among the scenes in this one, of that which an instance is of; `None` if it is in none.
-    pub(crate) fn scene_of(&self, instance: u64) -> Option<usize> {
-        let is_in_one = self.placement.scenes.first().is_some_and(|it| it.first_instance <= instance);
-        is_in_one.then(|| self.placement.holder_of_instance(instance).1)
+    /// The scene in this one that an instance is of; `None` if it is in none.
+    pub(super) fn inner_of(&self, instance: u64) -> Option<Inner<'_>> {
+        if instance < self.placement.own_instances() {
+            return None;
+        }
+        match self.placement.holder_of_instance(instance).0 {
+            Holder::Scene(it) => Some(it),
+            Holder::Array(_) => None,
+        }
+    }
+
+    /// The id of the scene in this one that an instance is of; `None` if it is in none.
+    pub(crate) fn scene_of(&self, instance: u64) -> Option<u64> {
+        self.inner_of(instance).map(|it| it.id)
     }
 
     /// An index of the caller's ids, for several questions. It takes time in proportion to the instances that are of no
     /// array.
     pub(crate) fn instance_ids(&self) -> InstanceIds<'_> {
         let singles = (0..).zip(&self.singles).map(|(at, single)| (single.id, at..at + 1));
-        let of_scene =
-            |it: &PlacedScene| (it.id, it.first_instance..it.first_instance + it.scene.placement.instance_count());
-        let index = singles.chain(self.placement.scenes.iter().map(of_scene)).collect();
+        let of_scene = |it: Inner| (it.id, it.first_instance..it.first_instance + it.scene.placement.instance_count());
+        let scenes = self.placement.scenes.iter().enumerate().map(|(at, it)| of_scene(it.inner(at)));
+        let index = singles.chain(scenes).collect();
         InstanceIds { placement: &self.placement, index }
     }
 
@@ -249,7 +288,7 @@ impl SceneState {
     /// may be larger, by up to a thousandth of their extent on each side.
     pub fn bounds(&self) -> DBounds {
         let of_own = || (0..self.placement.len()).map(|number| self.placed(number).bounds);
-        *self.placement.bounds.get_or_init(|| match self.placement.scenes.is_empty() {
+        *self.placement.bounds.get_or_init(|| match self.placement.has_no_scenes() {
             true => of_own().fold(DBounds::EMPTY, DBounds::union),
             false => self.rough_bounds(),
         })
@@ -316,7 +355,6 @@ pub(crate) struct InstanceIds<'a> {
 impl InstanceIds<'_> {
     /// The numbers of the instances with an id: several are of a scene in this one. Empty if there are none.
     pub fn with(&self, id: u64) -> Range<u64> {
-        let of_array = || self.placement.member_with(id).map(|member| member..member + 1);
-        self.index.get(&id).cloned().or_else(of_array).unwrap_or(0..0)
+        self.index.get(&id).cloned().or_else(|| self.placement.members_with(id)).unwrap_or(0..0)
     }
 }

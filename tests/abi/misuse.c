@@ -874,7 +874,26 @@ static oc_scene *scenes(oc_context *c) {
     WRONG(first_id, OC_NO_ID);
     WRONG(first_id, OC_NO_ID - 1);
     WRONG(reserved, 1);
+    WRONG(scene_count, 1); /* models too */
 #undef WRONG
+    {
+        const oc_scene *scenes[2] = {s0, NULL};
+        oc_instances nested = many;
+        nested.prototypes = NULL, nested.prototype_count = 0, nested.first_id = 900;
+        INVALID(oc_scene_add_instances(s0, &nested)); /* nothing */
+        nested.scene_count = 1;
+        INVALID(oc_scene_add_instances(s0, &nested)); /* NULL */
+        nested.scenes = scenes;
+        INVALID(oc_scene_add_instances(s0, &nested)); /* in itself */
+        nested.scene_count = 2;
+        INVALID(oc_scene_add_instances(s0, &nested)); /* the second is NULL */
+        OK(oc_scene_create(c, &inner));
+        scenes[0] = inner, nested.scene_count = 1;
+        OK(oc_scene_add_instances(s0, &nested));
+        INVALID(oc_scene_clear_part_looks(s0, 900)); /* it is a scene */
+        OK(oc_scene_remove_instances(s0, 900));
+        oc_scene_release(inner);
+    }
     OK(oc_scene_add_instances(s0, &many));
     INVALID(oc_scene_add_instances(s0, &many)); /* the ids are taken */
     INVALID(oc_scene_add_instance(s0, m, 11, NULL));

@@ -221,13 +221,15 @@ class oc_background(Sized):
 
 
 class oc_instances(Sized):
-    """Many instances of a few models. OC_INIT and the prototypes, the transforms and their count are the least."""
+    """Many instances of a few models, or of a few scenes. OC_INIT and the prototypes or the scenes, the transforms
+    and their count are the least.
+    """
 
     _fields_ = [
         ("struct_size", c.c_uint32), ("form", c.c_uint32), ("prototypes", c.c_void_p),
         ("prototype_count", c.c_uint64), ("prototype_of", c.c_void_p), ("transforms", c.c_void_p),
         ("stride", c.c_uint64), ("count", c.c_uint64), ("first_id", c.c_uint64), ("mask", c.c_uint32),
-        ("reserved", c.c_uint32),
+        ("reserved", c.c_uint32), ("scenes", c.c_void_p), ("scene_count", c.c_uint64),
     ]
 
 

@@ -69,10 +69,11 @@ class Scene(Queries, Clashes, Distances):
                 raise TypeError(f"instances[{number - 1}]: expected a Model, (id, model) or (id, model, transform), "
                                 f"not {one!r}")
 
-    def add_instances(self, models: Model | Sequence[Model], transforms: ArrayLike, *, first_id: int,
-                      model_of: ArrayLike | None = None, mask: int = 0xFFFFFFFF) -> None:
-        """Adds many instances of one model, or of a few, with the ids first_id, first_id + 1, ...
+    def add_instances(self, models: Model | Scene | Sequence[Model] | Sequence[Scene], transforms: ArrayLike, *,
+                      first_id: int, model_of: ArrayLike | None = None, mask: int = 0xFFFFFFFF) -> None:
+        """Adds many instances of one model or scene, or of a few, with the ids first_id, first_id + 1, ...
 
+        models: all models, or all scenes, as `add_scene` describes.
         transforms: n of them: dtype `PLACE`, or float64 or float32 with 12 numbers by column each (x axis, y axis,
             z axis, origin), as (n, 12) or (n, 4, 3).
         model_of: n indices among `models`. None: all are of the first.
@@ -80,7 +81,10 @@ class Scene(Queries, Clashes, Distances):
 
         None of them can be removed alone or given another model; otherwise they are like those of `add`.
         """
-        listed = [models] if isinstance(models, Model) else list(models)
+        listed = [models] if isinstance(models, (Model, Scene)) else list(models)
+        if len({isinstance(one, Scene) for one in listed}) > 1:
+            raise TypeError("models: expected models or scenes, not both")
+        are_scenes = bool(listed) and isinstance(listed[0], Scene)
         packed, form = transforms_of("transforms", transforms)
         which = None if model_of is None else numpy.ascontiguousarray(model_of, numpy.uint32)
         if which is not None and which.shape != (len(packed),):
@@ -88,8 +92,9 @@ class Scene(Queries, Clashes, Distances):
         if whole("mask", mask, 32) == 0:
             raise ValueError("mask: 0 hides the instances from all rays; use set_mask or set_look")
         prototypes = (c.c_void_p * len(listed))(*[model._h._as_parameter_ for model in listed])
+        given = (c.addressof(prototypes), len(listed))
         lib.oc_scene_add_instances(self._h, c.byref(_abi.oc_instances(
-            form=form, prototypes=c.addressof(prototypes), prototype_count=len(listed),
+            form=form, **dict(zip(("scenes", "scene_count") if are_scenes else ("prototypes", "prototype_count"), given)),
             prototype_of=None if which is None else address(which), transforms=address(packed), count=len(packed),
             first_id=whole("first_id", first_id), mask=mask)))
 

@@ -1,0 +1,159 @@
+//! The commit of scenes in a scene: where they stand, and the states of what is in them.
+
+use super::draft::{Draft, DraftState};
+use super::frame::bounds_of_scene;
+use super::inner::{Counts, Inner, PlacedScene, PlacedSceneArray, Prototype};
+use super::model::Model;
+use super::placement::Placement;
+use super::state::{SceneArrayStates, SceneState, States};
+use crate::base::error::{Error, Result};
+use crate::base::memory::room;
+use crate::math::DBounds;
+use std::collections::HashSet;
+use std::sync::Arc;
+
+/// Number of placed trees and of instances that a scene must not reach, with all in it.
+const MOST_OCCURRENCES: u64 = 1 << 63;
+
+/// The scenes in a scene, as they were committed last.
+#[derive(Default)]
+pub(super) struct InnerScenes {
+    singles: Vec<Arc<SceneState>>,
+    /// The prototypes of each array.
+    arrays: Vec<Vec<Arc<SceneState>>>,
+}
+
+impl InnerScenes {
+    pub fn of(draft: &Draft) -> Self {
+        let arrays = draft.scene_arrays.iter().map(|it| it.scenes.iter().map(|scene| scene.state()).collect());
+        Self { singles: draft.scenes.values().map(|it| it.scene.state()).collect(), arrays: arrays.collect() }
+    }
+
+    /// Each once, however often it is in the scene.
+    pub fn all(&self) -> impl Iterator<Item = &Arc<SceneState>> {
+        self.singles.iter().chain(self.arrays.iter().flatten())
+    }
+
+    /// True if they are those of a placement.
+    pub fn are_in(&self, placed: &Placement) -> bool {
+        self.all().count() == placed.inner_scenes().count()
+            && self.all().zip(placed.inner_scenes()).all(|(it, placed)| Arc::ptr_eq(it, placed))
+    }
+
+    /// Number of the members that they make of a top tree.
+    pub fn members(&self, draft: &Draft) -> usize {
+        self.singles.len() + draft.scene_arrays.iter().map(|it| it.array.len() as usize).sum::<usize>()
+    }
+
+    /// What is in them, and in `own`. Fails with `BadArgument` if that is too much.
+    pub fn counts(&self, draft: &Draft, own: Counts) -> Result<Counts> {
+        let of = |it: &Arc<SceneState>| {
+            let (placed, instances) = (it.placement.len(), it.placement.instance_count());
+            Counts { placed, instances }
+        };
+        let singles = self.singles.iter().fold(own, |all, it| all.plus(of(it), 1));
+        let arrays = draft.scene_arrays.iter().zip(&self.arrays);
+        let all = arrays.fold(singles, |all, (it, scenes)| all.plus(PlacedSceneArray::counts(&it.array, scenes), 1));
+        if all.placed.max(all.instances) >= MOST_OCCURRENCES {
+            let why = "a scene must have fewer than 2^63 placed trees, those of scenes in it included";
+            return Err(Error::bad_argument(why));
+        }
+        Ok(all)
+    }
+
+    /// Bytes of their placements, without the tree over all.
+    pub fn bytes(&self, draft: &Draft) -> usize {
+        let of_singles = self.singles.iter().map(|it| size_of::<PlacedScene>() + it.models.len() * size_of::<u32>());
+        let arrays = draft.scene_arrays.iter().zip(&self.arrays);
+        let of_arrays = arrays.map(|(it, scenes)| PlacedSceneArray::bytes(it.array.len(), scenes) as usize);
+        of_singles.sum::<usize>() + of_arrays.sum::<usize>()
+    }
+
+    /// Bytes of states of what is in them that are not theirs alone.
+    pub fn state_bytes(&self, draft: &Draft) -> u64 {
+        let of = |it: &SceneState| it.states.bytes(&mut HashSet::new());
+        let singles = draft.scenes.values().zip(&self.singles).filter(|(it, _)| !it.state.is_plain());
+        let of_array = |(it, scenes): (&super::draft::DraftSceneArray, &Vec<Arc<SceneState>>)| {
+            let common: u64 = if it.common.is_plain() { 0 } else { scenes.iter().map(|it| of(it)).sum() };
+            let own = it.own.keys().map(|member| of(&scenes[it.array.prototype_of(*member) as usize]));
+            common + own.sum::<u64>()
+        };
+        singles.map(|(_, scene)| of(scene)).sum::<u64>()
+            + draft.scene_arrays.iter().zip(&self.arrays).map(of_array).sum::<u64>()
+    }
+
+    /// Adds the states of what is in them.
+    pub fn add_states(&self, draft: &Draft, states: &mut States) {
+        let under = |inner: &SceneState, state: &DraftState| {
+            let inner = &inner.states;
+            if state.is_plain() { Arc::clone(inner) } else { Arc::new(inner.under(&state.committed())) }
+        };
+        let singles = self.singles.iter().zip(draft.scenes.values());
+        states.scenes = singles.map(|(inner, it)| under(inner, &it.state)).collect();
+        let arrays = draft.scene_arrays.iter().zip(&self.arrays).map(|(it, scenes)| SceneArrayStates {
+            common: scenes.iter().map(|scene| under(scene, &it.common)).collect(),
+            own: it
+                .own
+                .iter()
+                .map(|(&member, state)| (member, under(&scenes[it.array.prototype_of(member) as usize], state)))
+                .collect(),
+        });
+        states.scene_arrays = arrays.collect();
+    }
+
+    /// True if their states let rays through: by their own looks, or by those of the scenes here.
+    pub fn see_through(&self, draft: &Draft) -> bool {
+        let of_arrays = draft.scene_arrays.iter().flat_map(|it| it.own.values().chain([&it.common]));
+        let mut states = draft.scenes.values().map(|it| &it.state).chain(of_arrays);
+        states.any(|it| it.look.see_through()) || self.all().any(|it| it.see_through)
+    }
+
+    /// Adds them to a placement and its members to `hits`. `index_of`: the index of a model in the scene.
+    pub fn place(
+        &self,
+        draft: &Draft,
+        placement: &mut Placement,
+        hits: &mut Vec<(u32, DBounds)>,
+        mut index_of: impl FnMut(&Model) -> u32,
+    ) -> Result<()> {
+        let what = "the placed trees of a scene";
+        let mut prototype = |it: &Arc<SceneState>| {
+            let models = it.models.iter().map(&mut index_of).collect();
+            Prototype { scene: Arc::clone(it), models }
+        };
+        let mut first = Counts { placed: placement.own.into(), instances: placement.own_instances() };
+        let mut singles: Vec<PlacedScene> = room(self.singles.len(), what)?;
+        for (it, scene) in draft.scenes.values().zip(&self.singles) {
+            let (id, world_from_scene, of) = (it.id, it.world_from_scene, prototype(scene));
+            singles.push(PlacedScene { id, first, of, world_from_scene });
+            first =
+                first.plus(Counts { placed: scene.placement.len(), instances: scene.placement.instance_count() }, 1);
+        }
+        let mut arrays = room(self.arrays.len(), what)?;
+        let mut first_member = placement.own + singles.len() as u32;
+        for (it, scenes) in draft.scene_arrays.iter().zip(&self.arrays) {
+            let prototypes = scenes.iter().map(&mut prototype).collect();
+            arrays.push(PlacedSceneArray::new(Arc::clone(&it.array), first, first_member, prototypes)?);
+            first = first.plus(PlacedSceneArray::counts(&it.array, scenes), 1);
+            first_member += it.array.len();
+        }
+        (placement.scenes, placement.scene_arrays) = (Arc::new(singles), Arc::new(arrays));
+        let mut position_error = placement.position_error;
+        for it in placement.inners() {
+            hits.push((hits.len() as u32, checked_bounds(&it)?));
+            position_error = position_error.max(it.position_error());
+        }
+        placement.position_error = position_error;
+        Ok(())
+    }
+}
+
+/// Bounds of all that rays may hit in a scene in another. Fails with `BadArgument` if its transform and those in it are
+/// singular together.
+pub(super) fn checked_bounds(it: &Inner) -> Result<DBounds> {
+    if !it.factors().are_sound() {
+        let why = format!("scene {}: all transforms down to an instance are singular, or nearly so", it.id);
+        return Err(Error::bad_argument(why));
+    }
+    Ok(bounds_of_scene(it.scene, &it.world_from_scene))
+}
