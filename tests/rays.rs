@@ -7,6 +7,7 @@ mod common;
 mod counters;
 mod coverage;
 mod crossings;
+mod deep_scenes;
 mod exact;
 mod exact_scene;
 mod far_away;

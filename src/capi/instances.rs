@@ -33,8 +33,8 @@ pub struct oc_place {
     pub reserved: u32,
 }
 
-/// Many instances of a few models, or of a few scenes. OC_INIT and the prototypes or the scenes, the transforms and their
-/// count are the least.
+/// Many instances of a few models, or of a few scenes. OC_INIT and the prototypes or the scenes, the transforms and
+/// their count are the least.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct oc_instances {

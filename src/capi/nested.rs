@@ -10,9 +10,9 @@ use super::view::transform;
 /// Adds a scene to a scene as an instance. Takes effect at oc_scene_commit.
 ///
 /// Each commit of `scene` takes `inner` as it was committed last. Its lights and its background are left out. Scenes
-/// may be in scenes, up to 64 levels, and one scene any number of times: it takes some 700 bytes each time, however much
-/// is in it. The mask and the look of the instance apply to all in it: colours that
-/// `inner` sets have precedence. Its parts have looks in `inner` only.
+/// may be in scenes, up to 64 levels, and one scene any number of times: it takes some 700 bytes each time, however
+/// much is in it, and less in arrays (oc_scene_add_instances). The mask and the look of the instance apply to all in
+/// it: colours that `inner` sets have precedence. Its parts have looks in `inner` only.
 ///
 /// - `inner`: another scene of the same context.
 /// - `id`: the caller's own id. Must be unique in the scene and not OC_NO_ID. Hits return it as their instance.

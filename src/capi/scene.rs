@@ -265,8 +265,8 @@ pub unsafe extern "C" fn oc_scene_set_background(scene: *mut oc_scene, backgroun
 ///
 /// Errors: OC_STATUS_INVALID_ARGUMENT if the scene would hold 2^31 or more placed meshes or instances of its own, or
 /// 2^63 with those in scenes in it, scenes in scenes at more than 64 levels, or transforms that are singular or nearly
-/// so together; OC_STATUS_OVER_BUDGET if the budget has no room for them beside the data that must stay. Later jobs then
-/// see the scene as it was before.
+/// so together; OC_STATUS_OVER_BUDGET if the budget has no room for them beside the data that must stay. Later jobs
+/// then see the scene as it was before.
 ///
 /// Thread safety: any thread. Cheap. Takes time in proportion to the number of instances, or of those that have moved:
 /// see oc_scene_set_transforms.

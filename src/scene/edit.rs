@@ -403,9 +403,9 @@ impl Scene {
     /// Makes the edits since the last commit visible at once to jobs that begin from now on. The time grows with the
     /// number of instances, or, if only some members of arrays have moved, with their number; a commit reads no disk.
     ///
-    /// Fails with `BadArgument` if there are 2³¹ placed trees or more, 2⁶³ with those in scenes in it, or for transforms
-    /// of scenes that are singular together, and with `OverBudget` if the budget has no
-    /// room for the placed trees, or for the looks of parts. Jobs then see the state before.
+    /// Fails with `BadArgument` if there are 2³¹ placed trees or more, 2⁶³ with those in scenes in it, or for
+    /// transforms of scenes that are singular together, and with `OverBudget` if the budget has no room for the placed
+    /// trees, or for the looks of parts. Jobs then see the state before.
     pub fn commit(&self) -> Result<()> {
         // Dropped without the lock, as in `remove_instance`.
         let before = self.commit_draft(&mut self.draft())?;

@@ -152,8 +152,8 @@ const LEAST_AHEAD: f64 = 1e-3;
 impl SceneState {
     /// Returns the camera that shows the visible parts as large as the picture allows: their boxes touch the margin on
     /// two opposite sides, and lie within it on the others. `chosen`: show only these; all if empty. The boxes of parts
-    /// are those of the model, placed with the instance: turned with it, not aligned to the axes again. Where scenes are
-    /// in this one, the picture may leave up to a thousandth of its size more room on each side.
+    /// are those of the model, placed with the instance: turned with it, not aligned to the axes again. Where scenes
+    /// are in this one, the picture may leave up to a thousandth of its size more room on each side.
     ///
     /// Fails with `BadArgument` for a setting out of range or an unknown instance or part, and with `BadState` if no
     /// chosen part is visible and has triangles.
@@ -227,8 +227,8 @@ impl SceneState {
     ) -> Result<()> {
         let world = supports.placed(&DAffine3::IDENTITY);
         while let Some(number) = search.next(self, |b| {
-            // A box that reaches but a little beyond the rest stands for all in it: otherwise all at the bounds would be
-            // visited.
+            // A box that reaches but a little beyond the rest stands for all in it: otherwise all at the bounds would
+            // be visited.
             let is_far = supports.reaches(&world, b, ROUGH);
             if !is_far {
                 rough.add(&world, b);

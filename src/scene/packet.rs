@@ -1,6 +1,6 @@
 //! A packet of rays in a scene of several trees. The packet goes down the top tree, and those of its rays that enter
-//! the box of a placed tree, or of a scene in this one, go into it as a packet. Like the walk of a single ray, a packet can stop at a missing block
-//! and continue later.
+//! the box of a placed tree, or of a scene in this one, go into it as a packet. Like the walk of a single ray, a packet
+//! can stop at a missing block and continue later.
 
 use super::frame::{Fork, Frame};
 use super::placed::{At, Placed};
