@@ -69,8 +69,8 @@ pub struct Generated {
 
 /// Generates the model `name` into `sink`, in bounded memory, on the current rayon pool.
 ///
-/// Fails with `BadArgument` for an unknown name, or a size or species out of range, with `Cancelled`, and with the errors of the
-/// sink.
+/// Fails with `BadArgument` for an unknown name, or a size or species out of range, with `Cancelled`, and with the
+/// errors of the sink.
 pub fn generate(name: &str, options: &GenerateOptions, cancel: &Cancel, sink: &mut dyn Sink) -> Result<Generated> {
     let mut target = SinkTarget::new(sink);
     run(name, options, cancel, &mut target)?;

@@ -182,6 +182,9 @@ fn bad_names_and_sizes_are_refused() {
             generate(name, &GenerateOptions { triangles, seed: 0, ..Default::default() }, &Cancel::new(), &mut kept);
         assert!(matches!(out, Err(Error::BadArgument(_))), "{name} {triangles}");
     }
+    let options = GenerateOptions { triangles: 5_000, seed: 0, species: 1 };
+    let out = generate("mandelbulb", &options, &Cancel::new(), &mut Kept::default());
+    assert!(matches!(out, Err(Error::BadArgument(why)) if why.contains("species")));
 }
 
 #[test]

@@ -12,8 +12,8 @@
 //! **Parts** are bark, twigs (the stems of the last level) and leaves, below a group with the name of the species. A
 //! dead tree has no leaves.
 //!
-//! **Units** are metres, z is up, the foot is at the origin, and the lowest point at z = 0. The height is drawn from the
-//! range of the species; the whole plant is scaled to it.
+//! **Units** are metres, z is up, the foot is at the origin, and the lowest point at z = 0. The height is drawn from
+//! the range of the species; the whole plant is scaled to it.
 //!
 //! **Count.** More triangles make more branches, and tubes of more sides; leaves become more and smaller. They take
 //! what the stems leave over, so that the target is missed by at most one leaf, or one twig of a dead tree.
