@@ -18,7 +18,7 @@ use std::time::Duration;
 fn bulb() -> &'static [u8] {
     static BULB: OnceLock<Vec<u8>> = OnceLock::new();
     BULB.get_or_init(|| {
-        let options = GenerateOptions { triangles: 300_000, seed: 0 };
+        let options = GenerateOptions { triangles: 300_000, seed: 0, ..Default::default() };
         let bulb = built::build(|sink| {
             generate("mandelbulb", &options, &Cancel::new(), sink).expect("a bulb");
         });

@@ -20,7 +20,8 @@ fn build(name: &str, triangles: u64, memory_budget: u64) -> (usize, BuildReport)
         BuildOptions { memory_budget, threads: 2, temp_dir: Some(folder.path().into()), ..Default::default() };
     let (report, most) = counting::most(|| {
         let mut builder = Builder::new(options, Arc::new(Progress::default()), Cancel::new()).unwrap();
-        generate(name, &GenerateOptions { triangles, seed: 0 }, &Cancel::new(), &mut builder).unwrap();
+        generate(name, &GenerateOptions { triangles, seed: 0, ..Default::default() }, &Cancel::new(), &mut builder)
+            .unwrap();
         builder.finish(&folder.path().join("model.oc")).unwrap()
     });
     let mib = |bytes: usize| bytes as f64 / f64::from(1 << 20);

@@ -185,7 +185,7 @@ fn calls_keep_to_the_budget_and_the_stated_bounds() {
         builder.triangles(MeshKey::DIRECT, part, &[[DVec3::ZERO, DVec3::X, DVec3::Y]], Attributes::NONE).unwrap();
     });
     scenes(&file("small.oc"));
-    let options = GenerateOptions { triangles: sized(300_000, 100_000) as u64, seed: 0 };
+    let options = GenerateOptions { triangles: sized(300_000, 100_000) as u64, seed: 0, ..Default::default() };
     build(&file("large.oc"), |builder| {
         generate("airliner", &options, &Cancel::new(), builder).unwrap();
     });

@@ -355,7 +355,7 @@ fn bad_sets_and_clearances_are_refused() {
 #[test]
 fn budgets_and_threads_do_not_matter() {
     let file = built::build_with(built::options(), |builder| {
-        let options = GenerateOptions { triangles: 100_000, seed: 3 };
+        let options = GenerateOptions { triangles: 100_000, seed: 3, ..Default::default() };
         generate("airliner", &options, &Cancel::new(), builder).expect("an airliner");
     })
     .0;

@@ -325,7 +325,7 @@ fn hits_in_steps(scene: &SceneState, rays: &[Ray]) -> Vec<usize> {
 /// The generated soup of triangles: no part is closed, and thicknesses are those of brute force.
 #[test]
 fn parts_of_a_soup_are_not_closed() {
-    let size = GenerateOptions { triangles: 200_000, seed: 0 };
+    let size = GenerateOptions { triangles: 200_000, seed: 0, ..Default::default() };
     let file = built::build(|to| {
         generate("airliner", &size, &Cancel::new(), to).expect("triangles");
     });

@@ -16,7 +16,7 @@ fn a_mandelbulb_takes_forty_bytes_a_triangle_at_most() {
     let path = folder.path().join("bulb.oc");
     let mut builder =
         Builder::new(BuildOptions::default(), Arc::new(Progress::default()), Cancel::new()).expect("a builder");
-    let options = GenerateOptions { triangles: 300_000, seed: 0 };
+    let options = GenerateOptions { triangles: 300_000, seed: 0, ..Default::default() };
     generate("mandelbulb", &options, &Cancel::new(), &mut builder).expect("a bulb");
     let report = builder.finish(&path).expect("a build");
     assert!(report.triangles_kept > 290_000);

@@ -303,7 +303,7 @@ fn boxes_have_the_distance_of_the_closed_form() {
 #[test]
 fn budgets_threads_and_missing_blocks_do_not_matter() {
     let file = built::build_with(built::options(), |builder| {
-        let options = GenerateOptions { triangles: 100_000, seed: 3 };
+        let options = GenerateOptions { triangles: 100_000, seed: 3, ..Default::default() };
         generate("airliner", &options, &Cancel::new(), builder).expect("an airliner");
     })
     .0;

@@ -305,7 +305,7 @@ fn cancelled_at_any_moment() {
 fn vertices_that_do_not_fit_are_read_from_a_temporary() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("bulb.ply");
-    let bulb = GenerateOptions { triangles: 60_000, seed: 0 };
+    let bulb = GenerateOptions { triangles: 60_000, seed: 0, ..Default::default() };
     generate_file("mandelbulb", &bulb, &Cancel::new(), &path, &mut |_| ()).unwrap();
     let read = |memory| {
         let options = ReadOptions { temp_dir: Some(folder.path().into()), memory, ..Default::default() };

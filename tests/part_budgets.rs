@@ -48,7 +48,8 @@ impl Change for Only<'_> {
 }
 
 fn build(folder: &Path, name: &str, keeps: &dyn Fn(u32) -> bool) -> PathBuf {
-    let size = GenerateOptions { triangles: from_environment("OUTCROP_AIRLINER", 200_000), seed: 0 };
+    let size =
+        GenerateOptions { triangles: from_environment("OUTCROP_AIRLINER", 200_000), seed: 0, ..Default::default() };
     let (path, options) = (folder.join(name), BuildOptions { threads: 2, ..BuildOptions::default() });
     changed::build(&path, "airliner", &size, options, Only(keeps));
     path

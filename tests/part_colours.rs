@@ -68,7 +68,8 @@ impl Change for Coloured {
 }
 
 fn build(folder: &Path) -> PathBuf {
-    let (path, size) = (folder.join("coloured.oc"), GenerateOptions { triangles: 200_000, seed: 0 });
+    let (path, size) =
+        (folder.join("coloured.oc"), GenerateOptions { triangles: 200_000, seed: 0, ..Default::default() });
     let options = BuildOptions { threads: 2, ..BuildOptions::default() };
     changed::build(&path, "airliner", &size, options, Coloured::default());
     path

@@ -25,7 +25,7 @@ fn bulb() -> &'static PathBuf {
         let path = Box::leak(Box::new(tempfile::tempdir().expect("a folder"))).path().join("bulb.oc");
         let mut builder =
             Builder::new(built::options(), Arc::new(Progress::default()), Cancel::new()).expect("a builder");
-        let options = GenerateOptions { triangles: built::sized(1_000_000, 180_000), seed: 0 };
+        let options = GenerateOptions { triangles: built::sized(1_000_000, 180_000), seed: 0, ..Default::default() };
         generate("mandelbulb", &options, &Cancel::new(), &mut builder).expect("a bulb");
         builder.finish(&path).expect("a build");
         path

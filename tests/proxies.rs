@@ -20,7 +20,7 @@ fn options(stand_ins: StandIns) -> BuildOptions {
 }
 
 fn generated(name: &str, triangles: u64, options: BuildOptions) -> Built {
-    let size = GenerateOptions { triangles, seed: 0 };
+    let size = GenerateOptions { triangles, seed: 0, ..Default::default() };
     built::build_with(options, |sink| {
         generate(name, &size, &Cancel::new(), sink).expect("a model");
     })

@@ -35,7 +35,7 @@ fn large() -> &'static Large {
         let path = folder.path().join("bulb.oc");
         let (progress, options) = (Arc::new(Progress::default()), built::options());
         let mut builder = Builder::new(options, progress, Cancel::new()).expect("a builder");
-        let options = GenerateOptions { triangles: built::sized(1_200_000, 180_000), seed: 0 };
+        let options = GenerateOptions { triangles: built::sized(1_200_000, 180_000), seed: 0, ..Default::default() };
         generate("mandelbulb", &options, &Cancel::new(), &mut builder).expect("a bulb");
         builder.finish(&path).expect("a build");
         let rays = rays(20_000, 5, DVec3::ZERO, 1.2);

@@ -46,7 +46,7 @@ fn grid_box() -> Closed {
 
 fn mandelbulb() -> Closed {
     let file = built::build(|builder| {
-        let options = GenerateOptions { triangles: 60_000, seed: 0 };
+        let options = GenerateOptions { triangles: 60_000, seed: 0, ..Default::default() };
         generate("mandelbulb", &options, &Cancel::new(), builder).expect("a mandelbulb");
     });
     let tris = crate::common::stored::trees(&file.path).swap_remove(0);

@@ -37,7 +37,7 @@ fn bulb() -> &'static Bulb {
         let path = folder.path().join("bulb.oc");
         let mut builder =
             Builder::new(BuildOptions::default(), Arc::new(Progress::default()), Cancel::new()).expect("a builder");
-        let options = GenerateOptions { triangles: 1_000_000, seed: 0 };
+        let options = GenerateOptions { triangles: 1_000_000, seed: 0, ..Default::default() };
         generate("mandelbulb", &options, &Cancel::new(), &mut builder).expect("a bulb");
         builder.finish(&path).expect("a build");
         let bytes = Model::open(&built::context(0), &path).expect("it opens").memory().geometry;

@@ -13,7 +13,10 @@ use std::path::Path;
 /// Builds the airliner of a number of triangles; of a slice, what lies in a range of x of its own frame, which runs
 /// from nose to tail in metres.
 pub fn build(path: &Path, triangles: u64, slice: Option<Range<f64>>) {
-    let (size, options) = (GenerateOptions { triangles, seed: 0 }, BuildOptions { threads: 2, ..Default::default() });
+    let (size, options) = (
+        GenerateOptions { triangles, seed: 0, ..Default::default() },
+        BuildOptions { threads: 2, ..Default::default() },
+    );
     let by = Slice { range: slice, own_from_world: attitude().inverse(), materials: Vec::new() };
     changed::build(path, "airliner", &size, options, by);
 }

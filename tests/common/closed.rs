@@ -289,7 +289,7 @@ pub fn twelve() -> Vec<Closed> {
 
 /// The generated surface, moved to the grid: some of its triangles lose their area.
 fn mandelbulb(out: &mut Closed) {
-    let options = GenerateOptions { triangles: 2000, seed: 0 };
+    let options = GenerateOptions { triangles: 2000, seed: 0, ..Default::default() };
     let file = built::build(|to| {
         generate("mandelbulb", &options, &Cancel::new(), to).expect("triangles");
     });

@@ -63,14 +63,14 @@ fn built(path: PathBuf, name: &str, size: &GenerateOptions, into: u32) -> PathBu
 /// An airliner of 4,928 parts (at 10 million triangles), each of which is divided into `into` parts.
 pub fn airliner(folder: &Path, triangles: u64, into: u32) -> PathBuf {
     let path = folder.join(format!("airliner-{triangles}-{into}-{}.oc", env!("CARGO_PKG_VERSION")));
-    built(path, "airliner", &GenerateOptions { triangles, seed: 0 }, into)
+    built(path, "airliner", &GenerateOptions { triangles, seed: 0, ..Default::default() }, into)
 }
 
 /// Instances of ten models of 1,000 to 10,000 triangles.
 pub fn instances(folder: &Path, count: u64) -> Content {
     let model = |i: u64| {
         let path = folder.join(format!("small-{i}-{}.oc", env!("CARGO_PKG_VERSION")));
-        built(path, "mandelbulb", &GenerateOptions { triangles: 1000 * (i + 1), seed: i }, 1)
+        built(path, "mandelbulb", &GenerateOptions { triangles: 1000 * (i + 1), seed: i, ..Default::default() }, 1)
     };
     Content::Instances((0..10).map(model).collect(), count)
 }

@@ -196,7 +196,13 @@ fn builds(folder: &Path, threads: usize) -> Vec<Found> {
     let work = move || {
         let options = BuildOptions { threads, temp_dir: None, ..BuildOptions::default() };
         let mut builder = Builder::new(options, Arc::new(Progress::default()), Cancel::new()).unwrap();
-        generate("mandelbulb", &GenerateOptions { triangles: 20_000, seed: 0 }, &Cancel::new(), &mut builder).unwrap();
+        generate(
+            "mandelbulb",
+            &GenerateOptions { triangles: 20_000, seed: 0, ..Default::default() },
+            &Cancel::new(),
+            &mut builder,
+        )
+        .unwrap();
         builder.finish(&path).unwrap();
     };
     vec![(format!("build, {threads} threads"), depth(Box::new(work)))]

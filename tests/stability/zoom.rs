@@ -64,7 +64,7 @@ fn check(name: &str, file: &Built, camera: impl Fn(f64) -> Camera) {
 #[test]
 fn onto_a_mandelbulb() {
     let file = built::build(|builder| {
-        let options = GenerateOptions { triangles: 200_000, seed: 0 };
+        let options = GenerateOptions { triangles: 200_000, seed: 0, ..Default::default() };
         generate("mandelbulb", &options, &Cancel::new(), builder).expect("a mandelbulb");
     });
     check("mandelbulb", &file, |s| {

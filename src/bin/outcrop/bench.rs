@@ -36,7 +36,7 @@ pub struct Args {
     )]
     view: Vec<u8>,
     /// Use the four views of this generated model instead of those from the bounds
-    #[arg(long, value_name = "NAME", value_parser = generate::NAMES)]
+    #[arg(long, value_name = "NAME", value_parser = generate::NAMES_WITH_VIEWS)]
     views: Option<String>,
     /// Numbers of threads
     #[arg(

@@ -23,7 +23,7 @@ pub struct ViewArgs {
     )]
     view: View,
     /// Use the four views of this generated model instead of those from the bounds
-    #[arg(long, value_name = "NAME", value_parser = generate::NAMES, conflicts_with_all = ["eye", "up"])]
+    #[arg(long, value_name = "NAME", value_parser = generate::NAMES_WITH_VIEWS, conflicts_with_all = ["eye", "up"])]
     views: Option<String>,
     /// The eye point
     #[arg(long, value_name = "X,Y,Z", value_parser = common::point, requires = "at", allow_hyphen_values = true)]

@@ -4,13 +4,15 @@
 //! |---|---|---|
 //! | `mandelbulb` | a closed fractal surface, about two triangles per vertex | one |
 //! | `airliner` | CAD soup: long, thin, overlapping, jittered, no shared vertices | thousands |
+//! | `plant` | a tree or smaller plant of one of 13 species: closed tubes, and leaves as strips | bark, twigs, leaves |
 //!
 //! The same name, size and seed give the same triangles in the same order at any number of threads. The documentation
-//! of each module has its formulas. [`views()`] returns four views of each model.
+//! of each module has its formulas. [`views()`] returns four views of each model of [`NAMES_WITH_VIEWS`].
 #![forbid(unsafe_code)]
 
 mod airliner;
 mod mandelbulb;
+mod plant;
 mod ply_writer;
 mod rng;
 mod target;
@@ -30,21 +32,27 @@ use std::path::Path;
 use target::{SinkTarget, Target};
 
 /// Names of the generators.
-pub const NAMES: [&str; 2] = ["mandelbulb", "airliner"];
+pub const NAMES: [&str; 3] = ["mandelbulb", "airliner", "plant"];
+/// Names of the generators whose models have views of their own, see [`views()`].
+pub const NAMES_WITH_VIEWS: [&str; 2] = ["mandelbulb", "airliner"];
+/// Names of the species of the plant, by number.
+pub const SPECIES: [&str; plant::COUNT] = plant::names();
 
 /// Options of a generator.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct GenerateOptions {
     /// Target number of triangles, reached within 2 %: for the `mandelbulb` from 10³ to 4·10⁹, for the `airliner` from
-    /// 10⁵ to 1.4·10⁹.
+    /// 10⁵ to 1.4·10⁹, for the `plant` from 2·10³ to 4·10⁶ (its usual size is 25,000).
     pub triangles: u64,
     /// Seed; different seeds give different models. The pictures in the documentation use 0.
     pub seed: u64,
+    /// Species of the `plant`, an index into [`SPECIES`]; 0 for other models.
+    pub species: u32,
 }
 
 impl Default for GenerateOptions {
     fn default() -> Self {
-        Self { triangles: 1_000_000, seed: 0 }
+        Self { triangles: 1_000_000, seed: 0, species: 0 }
     }
 }
 
@@ -61,8 +69,8 @@ pub struct Generated {
 
 /// Generates the model `name` into `sink`, in bounded memory, on the current rayon pool.
 ///
-/// Fails with `BadArgument` for an unknown name or a size out of range, with `Cancelled`, and with the errors of the
-/// sink.
+/// Fails with `BadArgument` for an unknown name, or a size or species out of range, with `Cancelled`, and with the
+/// errors of the sink.
 pub fn generate(name: &str, options: &GenerateOptions, cancel: &Cancel, sink: &mut dyn Sink) -> Result<Generated> {
     let mut target = SinkTarget::new(sink);
     run(name, options, cancel, &mut target)?;
@@ -70,9 +78,13 @@ pub fn generate(name: &str, options: &GenerateOptions, cancel: &Cancel, sink: &m
 }
 
 fn run(name: &str, options: &GenerateOptions, cancel: &Cancel, target: &mut dyn Target) -> Result<()> {
+    if options.species != 0 && name != "plant" {
+        return Err(Error::bad_argument(format!("{name}: only the plant has species")));
+    }
     match name {
         "mandelbulb" => mandelbulb::generate(options, cancel, target),
         "airliner" => airliner::generate(options, cancel, target),
+        "plant" => plant::generate(options, cancel, target),
         _ => Err(Error::bad_argument(format!("unknown generator {name:?}; the names are {}", NAMES.join(", ")))),
     }
 }

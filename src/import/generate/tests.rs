@@ -44,7 +44,10 @@ impl Sink for Kept {
 fn generated(name: &str, triangles: u64, seed: u64, threads: usize) -> Kept {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
     let mut kept = Kept::default();
-    pool.install(|| generate(name, &GenerateOptions { triangles, seed }, &Cancel::new(), &mut kept)).unwrap();
+    pool.install(|| {
+        generate(name, &GenerateOptions { triangles, seed, ..Default::default() }, &Cancel::new(), &mut kept)
+    })
+    .unwrap();
     kept
 }
 
@@ -100,7 +103,7 @@ fn indexed(name: &str, options: &GenerateOptions) -> (Vec<[f32; 3]>, Vec<[u32; 3
 #[test]
 fn each_edge_of_the_bulb_has_two_triangles_of_opposite_direction() {
     for (triangles, seed) in [(3_000, 0), (30_000, 7), (300_000, 0)] {
-        let (vertices, faces, _) = indexed("mandelbulb", &GenerateOptions { triangles, seed });
+        let (vertices, faces, _) = indexed("mandelbulb", &GenerateOptions { triangles, seed, ..Default::default() });
         let mut edges: HashMap<(u32, u32), [u32; 2]> = HashMap::new();
         for f in &faces {
             for i in 0..3 {
@@ -124,7 +127,7 @@ fn each_edge_of_the_bulb_has_two_triangles_of_opposite_direction() {
 #[test]
 fn the_file_holds_what_the_sink_gets() {
     for name in NAMES {
-        let options = GenerateOptions { triangles: 100_000, seed: 5 };
+        let options = GenerateOptions { triangles: 100_000, seed: 5, ..Default::default() };
         let (vertices, faces, counts) = indexed(name, &options);
         let kept = generated(name, 100_000, 5, 2);
         let p = |v: u32| DVec3::from(vertices[v as usize].map(f64::from));
@@ -140,7 +143,7 @@ fn the_reader_restores_written_models() {
     for name in NAMES {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("m.ply");
-        let options = GenerateOptions { triangles: 100_000, seed: 0 };
+        let options = GenerateOptions { triangles: 100_000, seed: 0, ..Default::default() };
         generate_file(name, &options, &Cancel::new(), &path, &mut |_| ()).unwrap();
         let mut read = Kept::default();
         crate::import::read_file(&path, &Default::default(), &mut read).unwrap();
@@ -156,7 +159,7 @@ fn a_cancelled_or_failed_file_leaves_nothing() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("m.ply");
     std::fs::write(&path, "old").unwrap();
-    let (cancel, options) = (Cancel::new(), GenerateOptions { triangles: 50_000, seed: 0 });
+    let (cancel, options) = (Cancel::new(), GenerateOptions { triangles: 50_000, seed: 0, ..Default::default() });
     let c = cancel.clone();
     let out = generate_file("mandelbulb", &options, &cancel, &path, &mut |_| c.cancel());
     assert!(matches!(out, Err(Error::Cancelled)));
@@ -175,9 +178,13 @@ fn bad_names_and_sizes_are_refused() {
         [("teapot", 1000), ("mandelbulb", 0), ("mandelbulb", u64::MAX), ("airliner", 99_999), ("airliner", 1 << 40)]
     {
         let mut kept = Kept::default();
-        let out = generate(name, &GenerateOptions { triangles, seed: 0 }, &Cancel::new(), &mut kept);
+        let out =
+            generate(name, &GenerateOptions { triangles, seed: 0, ..Default::default() }, &Cancel::new(), &mut kept);
         assert!(matches!(out, Err(Error::BadArgument(_))), "{name} {triangles}");
     }
+    let options = GenerateOptions { triangles: 5_000, seed: 0, species: 1 };
+    let out = generate("mandelbulb", &options, &Cancel::new(), &mut Kept::default());
+    assert!(matches!(out, Err(Error::BadArgument(why)) if why.contains("species")));
 }
 
 #[test]
@@ -188,7 +195,7 @@ fn time_of_ten_million() {
             let mut n = 0;
             let start = std::time::Instant::now();
             let out = tempfile::tempdir().unwrap();
-            let options = GenerateOptions { triangles, seed: 0 };
+            let options = GenerateOptions { triangles, seed: 0, ..Default::default() };
             let g = generate_file(name, &options, &Cancel::new(), &out.path().join("m.ply"), &mut |_| n += 1).unwrap();
             println!("{name} {triangles}: {g:?} in {:?}, {n} batches", start.elapsed());
         }

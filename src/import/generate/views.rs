@@ -1,10 +1,11 @@
-//! Four views of each generated model: two of the whole model, two at a quarter of the distance.
+//! Four views of generated models: two of the whole model, two at a quarter of the distance.
 
 use super::airliner::attitude;
 use crate::math::View;
 use glam::DVec3;
 
-/// Returns the views of the model `name`; `None` for an unknown name. They do not depend on size or seed.
+/// Returns the views of the model `name`; `None` for a name that is not in [`super::NAMES_WITH_VIEWS`]: the plant's
+/// species differ in size, and views from the bounds suit them. Views do not depend on size or seed.
 pub fn views(name: &str) -> Option<[View; 4]> {
     let look = |at: [f64; 3], from: [f64; 3], distance: f64| {
         View::looking(DVec3::from(at), DVec3::from(from), distance, DVec3::Z)

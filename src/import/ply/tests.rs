@@ -422,7 +422,7 @@ fn mesh() -> impl Strategy<Value = (Vec<[f32; 3]>, Vec<Vec<i32>>)> {
 #[test]
 fn generated_files_are_read_as_they_were_generated() {
     use crate::import::generate::{GenerateOptions, NAMES, generate, generate_file};
-    let (options, cancel) = (GenerateOptions { triangles: 100_000, seed: 3 }, Default::default());
+    let (options, cancel) = (GenerateOptions { triangles: 100_000, seed: 3, ..Default::default() }, Default::default());
     for name in NAMES {
         let mut pushed = Collector::new();
         generate(name, &options, &cancel, &mut pushed).unwrap();

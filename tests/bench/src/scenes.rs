@@ -92,7 +92,8 @@ impl Scene {
     pub fn fill(&self, sink: &mut dyn Sink) -> Outcome {
         match &self.source {
             Source::Generator(name) => {
-                let options = GenerateOptions { triangles: self.row.triangles, seed: self.row.seed };
+                let options =
+                    GenerateOptions { triangles: self.row.triangles, seed: self.row.seed, ..Default::default() };
                 generate(name, &options, &Cancel::new(), sink)?;
             }
             Source::Triangles(parts) => {

@@ -11,7 +11,7 @@ use outcrop::import::{Attributes, Sink};
 use std::collections::BTreeMap;
 
 pub fn fill(row: &SceneRow, sink: &mut dyn Sink) -> Outcome {
-    let options = GenerateOptions { triangles: row.triangles, seed: row.seed };
+    let options = GenerateOptions { triangles: row.triangles, seed: row.seed, ..Default::default() };
     let mut whole = Collector::new();
     generate("airliner", &options, &Cancel::new(), &mut whole)?;
     sink.units(whole.metres_per_unit, whole.up);
