@@ -806,8 +806,8 @@ typedef struct oc_background {
 typedef uint32_t oc_transform_form;
 
 /**
- * Many instances of a few models, or of a few scenes. OC_INIT and the prototypes or the scenes, the transforms and their
- * count are the least.
+ * Many instances of a few models, or of a few scenes. OC_INIT and the prototypes or the scenes, the transforms and
+ * their count are the least.
  */
 typedef struct oc_instances {
     /** Size of this struct in bytes; OC_INIT sets it. */
@@ -2829,8 +2829,8 @@ oc_status oc_scene_set_background(struct oc_scene *scene,
  *
  * Errors: OC_STATUS_INVALID_ARGUMENT if the scene would hold 2^31 or more placed meshes or instances of its own, or
  * 2^63 with those in scenes in it, scenes in scenes at more than 64 levels, or transforms that are singular or nearly
- * so together; OC_STATUS_OVER_BUDGET if the budget has no room for them beside the data that must stay. Later jobs then
- * see the scene as it was before.
+ * so together; OC_STATUS_OVER_BUDGET if the budget has no room for them beside the data that must stay. Later jobs
+ * then see the scene as it was before.
  *
  * Thread safety: any thread. Cheap. Takes time in proportion to the number of instances, or of those that have moved:
  * see oc_scene_set_transforms.
@@ -2912,9 +2912,9 @@ oc_status oc_scene_remove_instances(struct oc_scene *scene,
  * Adds a scene to a scene as an instance. Takes effect at oc_scene_commit.
  *
  * Each commit of `scene` takes `inner` as it was committed last. Its lights and its background are left out. Scenes
- * may be in scenes, up to 64 levels, and one scene any number of times: it takes some 700 bytes each time, however much
- * is in it. The mask and the look of the instance apply to all in it: colours that
- * `inner` sets have precedence. Its parts have looks in `inner` only.
+ * may be in scenes, up to 64 levels, and one scene any number of times: it takes some 700 bytes each time, however
+ * much is in it, and less in arrays (oc_scene_add_instances). The mask and the look of the instance apply to all in
+ * it: colours that `inner` sets have precedence. Its parts have looks in `inner` only.
  *
  * - `inner`: another scene of the same context.
  * - `id`: the caller's own id. Must be unique in the scene and not OC_NO_ID. Hits return it as their instance.
@@ -2930,6 +2930,30 @@ oc_status oc_scene_add_scene(struct oc_scene *scene,
                              const struct oc_scene *inner,
                              uint64_t id,
                              const double *world_from_inner);
+
+/**
+ * Sets the look of one occurrence of an instance: of the instance in one place of the scene that it is in, such as one
+ * tree of a part of a forest that is there many times. Takes effect at oc_scene_commit.
+ *
+ * The look applies to all parts of the instance in that place, and to no other place of it. Its colour has precedence
+ * over those of the instance and of the scenes around it, but not over those of parts. What one of these hides or
+ * highlights stays so. The ids on the way to the instance (oc_scene_get_path) are remembered: later commits keep the
+ * look as long as they lead to an instance. For an instance that is in no other scene it is that of
+ * oc_scene_set_instance_look.
+ *
+ * - `occurrence`: `oc_hit.occurrence` of a hit since the last commit, or a value of OC_BUFFER_OCCURRENCE in a picture
+ *   that was requested since then.
+ * - `look`: the look. NULL, or one that changes nothing, removes it.
+ *
+ * Errors: OC_STATUS_INVALID_ARGUMENT if the scene has no such occurrence, or a flag or colour is not as documented;
+ * OC_STATUS_OVER_BUDGET if the budget has no room for another look, some 300 bytes.
+ *
+ * Thread safety: any thread. Cheap.
+ */
+OC_API
+oc_status oc_scene_set_occurrence_look(struct oc_scene *scene,
+                                       uint64_t occurrence,
+                                       const struct oc_look *look);
 
 /**
  * Returns the way to what a hit met: the ids of the instances from the outermost to the innermost. An instance that is

@@ -451,6 +451,10 @@ class scene : public scene_handle {
         check(oc_scene_set_transform(get(), id, world_from_model));
     }
     void set_mask(std::uint64_t id, std::uint32_t mask) { check(oc_scene_set_instance_mask(get(), id, mask)); }
+    /// Sets the look of one place of an instance, by its number: see oc_scene_set_occurrence_look.
+    void set_occurrence_look(std::uint64_t occurrence, const oc_look &look) {
+        check(oc_scene_set_occurrence_look(get(), occurrence, &look));
+    }
     void set_look(std::uint64_t id, const oc_look &look) { check(oc_scene_set_instance_look(get(), id, &look)); }
     void set_part_look(std::uint64_t id, std::uint64_t part, const oc_look &look) {
         check(oc_scene_set_part_look(get(), id, part, &look));

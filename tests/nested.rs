@@ -193,6 +193,72 @@ fn scenes_in_scenes_are_flattened() {
     }
 }
 
+/// The look of one place of an instance is that of this instance alone in one flat scene. It stays where it is when
+/// other instances change the numbers, and is forgotten with the way there.
+#[test]
+fn one_place_of_an_instance_has_a_look_of_its_own() {
+    let context = built::context(1);
+    let file = built::parts(&[Part::white(5, scenes::bumpy_sphere(8, 12, 3))]);
+    let model = Model::open(&context, &file.path).expect("a model");
+    let (scene, flat) = nested(&context, &model, 3, &mut Rng::new(31));
+    let one = flattened(&context, &model, &flat, DVec3::ZERO);
+    let mut rng = Rng::new(8);
+    let rays: Vec<Ray> = (0..4000)
+        .map(|_| {
+            let [eye, to] = [18.0, 9.0].map(|k| rng.inside(DVec3::splat(-k), DVec3::splat(k)));
+            Ray::new(eye, (to - eye).as_vec3().normalize())
+        })
+        .collect();
+    let occurrences = |state: &SceneState, shift: u64| {
+        let hits = closest(state, &rays, false);
+        hits.iter().map(|hit| if hit.kind == HitKind::Miss { NONE } else { hit.occurrence - shift }).collect::<Vec<_>>()
+    };
+    let met: BTreeSet<u64> = occurrences(&scene.state(), 0).into_iter().filter(|it| *it != NONE).collect();
+    let chosen: Vec<u64> = met.iter().copied().step_by(3).collect();
+    assert!(chosen.len() > 8 && chosen.iter().any(|it| flat[*it as usize].3.len() == 3), "{chosen:?}");
+    let hidden = Look { visible: false, ..Look::default() };
+    for &occurrence in &chosen {
+        scene.set_occurrence_look(occurrence, hidden).expect("a look");
+        one.set_instance_look(occurrence, hidden).expect("a look");
+    }
+    let before = scene.state();
+    scene.commit().expect("a commit");
+    one.commit().expect("a commit");
+    let without = occurrences(&one.state(), 0);
+    assert!(without.iter().all(|it| !chosen.contains(it)));
+    let differ = |a: &[u64], b: &[u64]| a.iter().zip(b).filter(|(a, b)| a != b).count();
+    // Rounding decides at edges.
+    assert!(differ(&occurrences(&scene.state(), 0), &without) <= 6);
+    assert!(occurrences(&before, 0).iter().any(|it| chosen.contains(it)), "what began before has no look");
+    // Around it all is as it was, and another instance has the first number.
+    let outer = Scene::new(&context);
+    outer.add_instance(&model, 1, DAffine3::from_translation(DVec3::X * 1e4)).expect("an instance");
+    outer.add_scene(&scene, 2, DAffine3::IDENTITY).expect("a scene");
+    outer.commit().expect("a commit");
+    let shifted = |state: &SceneState| {
+        occurrences(state, 0).iter().map(|it| if *it == NONE { NONE } else { it - 1 }).collect::<Vec<_>>()
+    };
+    assert!(differ(&shifted(&outer.state()), &without) <= 6);
+    let shown = |state: &SceneState| occurrences(state, 0).into_iter().find(|it| *it != NONE).expect("a hit");
+    let first = shown(&outer.state());
+    let (path, _) = outer.state().path(first).expect("a way");
+    outer.set_occurrence_look(first, hidden).expect("a look");
+    outer.add_instance(&model, 3, DAffine3::from_translation(DVec3::X * 2e4)).expect("an instance");
+    outer.commit().expect("a commit");
+    assert!(!occurrences(&outer.state(), 0).contains(&(first + 1)) && first != 0);
+    assert_eq!(outer.state().path(first + 1).expect("a way").0, path);
+    outer.set_occurrence_look(first + 1, Look::default()).expect("a look");
+    outer.commit().expect("a commit");
+    assert!(occurrences(&outer.state(), 0).contains(&(first + 1)));
+    outer.set_occurrence_look(first + 1, hidden).expect("a look");
+    outer.remove_instance(2).expect("removed");
+    outer.commit().expect("a commit");
+    outer.add_scene(&scene, 2, DAffine3::IDENTITY).expect("a scene");
+    outer.commit().expect("a commit");
+    assert!(occurrences(&outer.state(), 0).contains(&(first + 1)), "it was forgotten");
+    assert!(matches!(outer.set_occurrence_look(1 << 40, hidden), Err(Error::BadArgument(_))));
+}
+
 /// A commit takes the scenes in it as they were committed last; what began before keeps what it began with.
 #[test]
 fn a_commit_takes_scenes_as_they_are() {

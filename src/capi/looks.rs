@@ -35,7 +35,7 @@ unsafe impl Sized32 for oc_look {
 }
 
 impl oc_look {
-    fn to_rust(self) -> Checked<Look> {
+    pub(super) fn to_rust(self) -> Checked<Look> {
         let known = OC_LOOK_HIDDEN | OC_LOOK_SELECTED | OC_LOOK_COLOURED;
         if self.flags & !known != 0 {
             return bad(format!("oc_look.flags {:#x}: unknown flags", self.flags));

@@ -1,7 +1,8 @@
 //! Scenes in scenes, and the ways to what was hit there.
 
-use super::guard::{Failure, Strided, bad, boundary, out};
+use super::guard::{Failure, Strided, bad, boundary, out, read_or_default};
 use super::handles::{self, Shell};
+use super::looks::oc_look;
 use super::query::check_id;
 use super::scene::{SceneObject, oc_scene};
 use super::status::oc_status;
@@ -38,6 +39,38 @@ pub unsafe extern "C" fn oc_scene_add_scene(
         handles::with(scene, |scene: &Shell<SceneObject>| {
             Ok(scene.scene.add_scene(&inner.scene, id, transform(world_from_inner))?)
         })
+    })
+}
+
+/// Sets the look of one occurrence of an instance: of the instance in one place of the scene that it is in, such as one
+/// tree of a part of a forest that is there many times. Takes effect at oc_scene_commit.
+///
+/// The look applies to all parts of the instance in that place, and to no other place of it. Its colour has precedence
+/// over those of the instance and of the scenes around it, but not over those of parts. What one of these hides or
+/// highlights stays so. The ids on the way to the instance (oc_scene_get_path) are remembered: later commits keep the
+/// look as long as they lead to an instance. For an instance that is in no other scene it is that of
+/// oc_scene_set_instance_look.
+///
+/// - `occurrence`: `oc_hit.occurrence` of a hit since the last commit, or a value of OC_BUFFER_OCCURRENCE in a picture
+///   that was requested since then.
+/// - `look`: the look. NULL, or one that changes nothing, removes it.
+///
+/// Errors: OC_STATUS_INVALID_ARGUMENT if the scene has no such occurrence, or a flag or colour is not as documented;
+/// OC_STATUS_OVER_BUDGET if the budget has no room for another look, some 300 bytes.
+///
+/// Thread safety: any thread. Cheap.
+/// # Safety
+/// `scene` is a live handle; `look` is initialised or NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn oc_scene_set_occurrence_look(
+    scene: *mut oc_scene,
+    occurrence: u64,
+    look: *const oc_look,
+) -> oc_status {
+    // SAFETY: the function's own contract.
+    boundary(|| unsafe {
+        let look = read_or_default(look)?.to_rust()?;
+        handles::with(scene, |scene: &Shell<SceneObject>| Ok(scene.scene.set_occurrence_look(occurrence, look)?))
     })
 }
 

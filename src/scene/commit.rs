@@ -96,7 +96,7 @@ impl Scene {
             || scenes.see_through(draft);
         let hides_parts = states.own().any(|it| !it.parts.trees.is_empty()) || scenes.all().any(|it| it.hides_parts);
         scenes.add_states(draft, &mut states);
-        Ok(SceneState {
+        let mut state = SceneState {
             see_through,
             levels,
             hides_parts,
@@ -108,7 +108,13 @@ impl Scene {
             lights: draft.lights.clone(),
             background: draft.background,
             _memory: memory,
-        })
+        };
+        let occurrences = draft.occurrences.states(&state);
+        if let Some(states) = Arc::get_mut(&mut state.states).filter(|_| !occurrences.is_empty()) {
+            state.see_through |= occurrences.values().any(|it| it.look.see_through());
+            states.occurrences = occurrences;
+        }
+        Ok(state)
     }
 }
 

@@ -6,6 +6,7 @@ use super::edit::{Scene, no_instance};
 use super::light::{Background, Light};
 use super::looks::{self, Look, PartLooks, PartsShown};
 use super::model::Model;
+use super::occurrence::OccurrenceLooks;
 use super::state::InstanceState;
 use crate::base::error::{Error, Result};
 use crate::residency::Kept;
@@ -23,6 +24,7 @@ pub(super) struct Draft {
     pub(super) arrays: Vec<DraftArray>,
     /// Arrays of scenes.
     pub(super) scene_arrays: Vec<DraftSceneArray>,
+    pub(super) occurrences: OccurrenceLooks,
     /// Scenes in this one, in the order added.
     pub(super) scenes: BTreeMap<u64, DraftScene>,
     /// The key in `scenes` of each id.

@@ -7,6 +7,7 @@ use super::light::{Background, Light};
 use super::looks::{Look, PartLooks};
 use super::measures::check_transform;
 use super::model::Model;
+use super::occurrence::OccurrenceLooks;
 use super::state::SceneState;
 use crate::base::error::{Error, Result};
 use crate::residency::Kept;
@@ -71,6 +72,7 @@ impl Scene {
             index,
             arrays: Vec::new(),
             scene_arrays: Vec::new(),
+            occurrences: OccurrenceLooks::default(),
             scenes: BTreeMap::new(),
             scene_at: HashMap::new(),
             lights,
@@ -441,7 +443,7 @@ impl Scene {
         self.0.committed.load()
     }
 
-    fn draft(&self) -> MutexGuard<'_, Draft> {
+    pub(super) fn draft(&self) -> MutexGuard<'_, Draft> {
         // Every step of an edit leaves a valid draft, so a poisoned lock is safe to use.
         self.0.draft.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -478,7 +480,7 @@ pub(super) fn no_instance(id: u64) -> Error {
     Error::bad_argument(format!("instance {id} does not exist"))
 }
 
-fn check_look(state: &Look) -> Result<()> {
+pub(super) fn check_look(state: &Look) -> Result<()> {
     let good = |c: &f32| c.is_finite() && *c >= 0.0;
     match state.colour {
         Some(colour) if !(colour.iter().all(good) && colour[3] <= 1.0) => {

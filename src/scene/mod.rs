@@ -19,6 +19,7 @@ pub mod light;
 mod looks;
 pub(crate) mod measures;
 pub mod model;
+mod occurrence;
 mod part_check;
 pub(crate) mod placed;
 pub(crate) mod placement;

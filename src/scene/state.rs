@@ -53,6 +53,8 @@ pub(super) struct States {
     /// Of the instances of each scene in this one, under the state of that scene.
     pub scenes: Vec<Arc<States>>,
     pub scene_arrays: Vec<SceneArrayStates>,
+    /// Of single instances in scenes in this one, by their numbers.
+    pub occurrences: HashMap<u64, InstanceState>,
 }
 
 /// The states of what is in the members of an array of scenes.
@@ -68,16 +70,19 @@ impl States {
         self.under_once(outer, &mut HashMap::new())
     }
 
+    /// A state under another one.
+    pub fn under_one(inner: &InstanceState, outer: &InstanceState) -> InstanceState {
+        let look = Look {
+            visible: inner.look.visible && outer.look.visible,
+            colour: inner.look.colour.or(outer.look.colour),
+            selected: inner.look.selected || outer.look.selected,
+        };
+        InstanceState { mask: inner.mask & outer.mask, look, parts: Arc::clone(&inner.parts) }
+    }
+
     /// [`States::under`]; `done` has those of scenes in it that were there before.
     fn under_once(&self, outer: &InstanceState, done: &mut HashMap<*const Self, Arc<Self>>) -> Self {
-        let under = |inner: &InstanceState| {
-            let look = Look {
-                visible: inner.look.visible && outer.look.visible,
-                colour: inner.look.colour.or(outer.look.colour),
-                selected: inner.look.selected || outer.look.selected,
-            };
-            InstanceState { mask: inner.mask & outer.mask, look, parts: Arc::clone(&inner.parts) }
-        };
+        let under = |inner: &InstanceState| Self::under_one(inner, outer);
         let of_array = |it: &ArrayStates| ArrayStates {
             common: under(&it.common),
             own: it.own.iter().map(|(&member, state)| (member, under(state))).collect(),
@@ -97,6 +102,7 @@ impl States {
         };
         Self {
             scene_arrays: self.scene_arrays.iter().map(of_scenes).collect(),
+            occurrences: self.occurrences.iter().map(|(&instance, it)| (instance, under(it))).collect(),
             singles: self.singles.iter().map(under).collect(),
             arrays: self.arrays.iter().map(of_array).collect(),
             scenes,
@@ -111,7 +117,9 @@ impl States {
             self.scenes.iter().chain(of_arrays)
         };
         let of_scenes = inner().count() * size_of::<Arc<Self>>();
-        let own = self.singles.len() * size_of::<InstanceState>() + of_arrays.sum::<usize>() + of_scenes;
+        let of_occurrences = 2 * self.occurrences.len() * size_of::<(u64, InstanceState)>();
+        let own =
+            self.singles.len() * size_of::<InstanceState>() + of_arrays.sum::<usize>() + of_scenes + of_occurrences;
         let inner: Vec<_> = inner().filter(|it| seen.insert(Arc::as_ptr(it))).collect();
         (size_of::<Self>() + own) as u64 + inner.into_iter().map(|it| it.bytes(seen)).sum::<u64>()
     }
@@ -127,6 +135,9 @@ impl States {
     fn of(&self, placement: &Placement, instance: u64) -> &InstanceState {
         if let Some(single) = self.singles.get(instance as usize) {
             return single;
+        }
+        if let Some(own) = self.occurrences.get(&instance) {
+            return own;
         }
         match placement.holder_of_instance(instance) {
             (Holder::Array(_), member) => {

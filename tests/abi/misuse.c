@@ -838,6 +838,12 @@ static oc_scene *scenes(oc_context *c) {
     OK(oc_scene_get_path(outer, 0, NULL, 0, &levels, NULL));
     OK(oc_scene_get_path(outer, 0, path, 2, &levels, placed));
     CHECK(levels == 2 && path[0] == 1 && path[1] == 3 && placed[0] == 1);
+    INVALID(oc_scene_set_occurrence_look(NULL, 0, NULL));
+    INVALID(oc_scene_set_occurrence_look(outer, 1, NULL));
+    INVALID(oc_scene_set_occurrence_look(outer, OC_NO_ID, &look));
+    GARBAGE_SIZES(oc_look, oc_scene_set_occurrence_look(outer, 0, s));
+    OK(oc_scene_set_occurrence_look(outer, 0, &look));
+    OK(oc_scene_set_occurrence_look(outer, 0, NULL));
     OK(oc_scene_remove_instance(outer, 1));
     oc_scene_release(inner);
     oc_scene_release(outer);

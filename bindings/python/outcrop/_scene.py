@@ -163,6 +163,15 @@ class Scene(Queries, Clashes, Distances):
         """Sets the look of an instance. Without arguments it looks as in the file."""
         lib.oc_scene_set_instance_look(self._h, whole("id", id), c.byref(_look(hidden, selected, colour)))
 
+    def set_occurrence_look(self, occurrence: int, *, hidden: bool = False, selected: bool = False,
+                            colour: Vector | None = None) -> None:
+        """Sets the look of an instance in one place of the scene that it is in. Without arguments it is removed.
+
+        occurrence: as for `path`. Later commits keep the look as long as the ids on the way lead to an instance.
+        """
+        lib.oc_scene_set_occurrence_look(self._h, whole("occurrence", int(occurrence)),
+                                         c.byref(_look(hidden, selected, colour)))
+
     def set_part_look(self, part: int, *, hidden: bool = False, selected: bool = False, colour: Vector | None = None,
                       instance: int = 1) -> None:
         """Sets the look of a part, given by id. Its child parts do not change. See `set_parts_look`."""
