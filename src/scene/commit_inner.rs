@@ -155,5 +155,5 @@ pub(super) fn checked_bounds(it: &Inner) -> Result<DBounds> {
         let why = format!("scene {}: all transforms down to an instance are singular, or nearly so", it.id);
         return Err(Error::bad_argument(why));
     }
-    Ok(bounds_of_scene(it.scene, &it.world_from_scene))
+    Ok(bounds_of_scene(it.scene, &it.world_from_scene()))
 }

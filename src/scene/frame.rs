@@ -36,7 +36,19 @@ pub(super) struct Frame<'a> {
     /// The number of its first placed tree.
     pub first: u64,
     /// Number of scenes around it.
-    pub level: u32,
+    level: u32,
+}
+
+/// A frame without its scene, for walks that wait.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct FrameKey {
+    world_from_scene: Option<DAffine3>,
+    first: u64,
+    level: u32,
+}
+
+impl FrameKey {
+    pub const OUTERMOST: Self = Self { world_from_scene: None, first: 0, level: 0 };
 }
 
 /// What a scene leads to, if scenes with one member are passed by.
@@ -58,9 +70,27 @@ impl<'a> Frame<'a> {
         (0..level).fold(Self::outermost(scene), inner)
     }
 
+    /// The frame of `key`, which was made in the same scene.
+    #[inline]
+    pub fn of(scene: &'a SceneState, key: &FrameKey) -> Self {
+        let FrameKey { world_from_scene, first, level } = *key;
+        let (mut inner, mut before) = (scene, 0);
+        for _ in 0..level {
+            let it = inner.placement.scene_with(first - before);
+            (inner, before) = (it.scene, before + it.first);
+        }
+        Self { scene: inner, world_from_scene, first, level }
+    }
+
+    /// See [`FrameKey`].
+    pub fn key(&self) -> FrameKey {
+        let Self { world_from_scene, first, level, .. } = *self;
+        FrameKey { world_from_scene, first, level }
+    }
+
     /// A scene in this one.
     pub fn inside(&self, it: Inner<'a>) -> Self {
-        let map = self.world_from_scene.map_or(it.world_from_scene, |outer| outer * it.world_from_scene);
+        let map = self.world_from_scene.map_or(it.world_from_scene(), |outer| outer * it.world_from_scene());
         Self { scene: it.scene, world_from_scene: Some(map), first: self.first + it.first, level: self.level + 1 }
     }
 

@@ -19,10 +19,17 @@ pub(super) struct Inner<'a> {
     /// The number of its first instance in the outer scene.
     pub first_instance: u64,
     pub scene: &'a SceneState,
-    pub world_from_scene: DAffine3,
+    map: Map<'a>,
     /// The index, in the outer scene, of each of its models.
     models: &'a [u32],
     pub key: InnerKey,
+}
+
+/// The map from a scene to the outer one. That of a member is made when it is asked for.
+#[derive(Clone, Copy)]
+enum Map<'a> {
+    Stored(&'a DAffine3),
+    Member(&'a Array, u32),
 }
 
 /// Which scene in another it is.
@@ -35,6 +42,15 @@ pub(super) enum InnerKey {
 }
 
 impl Inner<'_> {
+    /// The map to the outer scene.
+    #[inline]
+    pub fn world_from_scene(&self) -> DAffine3 {
+        match self.map {
+            Map::Stored(map) => *map,
+            Map::Member(array, member) => array.transform(member),
+        }
+    }
+
     /// The ids in the outer scene of a placed tree.
     pub fn outer(&self, inner: PlacedIds) -> PlacedIds {
         let (model, instance) = (self.models[inner.model as usize], self.first_instance + inner.instance);
@@ -43,12 +59,12 @@ impl Inner<'_> {
 
     /// Those of all maps to placed trees in it, or wider.
     pub fn factors(&self) -> Factors {
-        self.scene.placement.factors().under(&self.world_from_scene.matrix3)
+        self.scene.placement.factors().under(&self.world_from_scene().matrix3)
     }
 
     /// The greatest distance of its stored vertices from those of the input, or more.
     pub fn position_error(&self) -> f64 {
-        Measures::of(&self.world_from_scene.matrix3).stretch * self.scene.placement.position_error
+        Measures::of(&self.world_from_scene().matrix3).stretch * self.scene.placement.position_error
     }
 }
 
@@ -100,7 +116,7 @@ impl PlacedScene {
             first: first.placed,
             first_instance: first.instances,
             scene: &of.scene,
-            world_from_scene: *world_from_scene,
+            map: Map::Stored(world_from_scene),
             models: &of.models,
             key: InnerKey::Single(index),
         }
@@ -189,7 +205,7 @@ impl PlacedSceneArray {
             first: start.placed,
             first_instance: start.instances,
             scene: &of.scene,
-            world_from_scene: self.array.transform(member),
+            map: Map::Member(&self.array, member),
             models: &of.models,
             key: InnerKey::Member(index, member),
         }

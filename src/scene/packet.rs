@@ -2,7 +2,7 @@
 //! the box of a placed tree, or of a scene in this one, go into it as a packet. Like the walk of a single ray, a packet
 //! can stop at a missing block and continue later.
 
-use super::frame::{Fork, Frame};
+use super::frame::{Fork, Frame, FrameKey};
 use super::placed::{At, Placed};
 use super::placement::Member;
 use super::ray_rows::RayRows;
@@ -41,9 +41,8 @@ struct Level {
     walk: PacketWalk,
     /// The placement of each ray there.
     at: [At; PACKET],
-    /// The number of the first placed tree of the scene, and the number of scenes around it.
-    first: u64,
-    level: u32,
+    /// The scene that the tree is of.
+    frame: FrameKey,
 }
 
 impl Level {
@@ -120,10 +119,10 @@ impl ScenePacket {
         self.local.cone = [[0.0; PACKET]; 2];
         if self.levels.len() == self.depth {
             let (walk, at) = (PacketWalk::new(), [At::NONE; PACKET]);
-            self.levels.push(Box::new(Level { walk, at, first: 0, level: 0 }));
+            self.levels.push(Box::new(Level { walk, at, frame: FrameKey::OUTERMOST }));
         }
         let level = &mut self.levels[self.depth];
-        (level.at, level.first, level.level) = (self.moved, frame.first, frame.level);
+        (level.at, level.frame) = (self.moved, frame.key());
         level.walk.set_rows(&self.local);
         level.walk.start(&members.tree(isa), inside);
         self.depth += 1;
@@ -213,7 +212,7 @@ impl SceneView<'_> {
         let isa = self.scene.context().isa();
         loop {
             let level = walk.levels[..walk.depth].last_mut()?;
-            let frame = Frame::with(self.scene, level.level, level.first);
+            let frame = Frame::of(self.scene, &level.frame);
             let (members, _) = frame.scene.placement.top.walked()?;
             match members.tree(isa).closest_together(None, &mut level.walk) {
                 Outcome::Member(member) => {

@@ -294,7 +294,7 @@ impl Placement {
             Holder::Array(array) => array.mesh(number as u32),
             Holder::Scene(it) => {
                 let inner = it.scene.placement.mesh(number - it.first);
-                let world_from_mesh = it.world_from_scene * inner.world_from_mesh;
+                let world_from_mesh = it.world_from_scene() * inner.world_from_mesh;
                 PlacedMesh { ids: it.outer(inner.ids), world_from_mesh, measures: None }
             }
         }

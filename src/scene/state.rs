@@ -247,7 +247,7 @@ impl SceneState {
         }
         match self.placement.holder_of_instance(instance) {
             (Holder::Array(it), member) => it.array.transform(member as u32),
-            (Holder::Scene(it), inner) => it.world_from_scene * it.scene.world_from_model(inner),
+            (Holder::Scene(it), inner) => it.world_from_scene() * it.scene.world_from_model(inner),
         }
     }
 

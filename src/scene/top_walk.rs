@@ -1,7 +1,7 @@
 //! The walk of a ray through the top trees of a scene and of the scenes in it, up to the next placed tree that it may
 //! enter.
 
-use super::frame::{Fork, Frame};
+use super::frame::{Fork, Frame, FrameKey};
 use super::placed::At;
 use super::placement::Member;
 use super::walk::{NOTHING, SceneView};
@@ -23,10 +23,8 @@ pub(super) struct TopWalk {
 struct Level {
     walk: Walk,
     at: At,
-    /// The number of the first placed tree of the scene.
-    first: u64,
-    /// Number of scenes around it.
-    level: u32,
+    /// The scene that the tree is of.
+    frame: FrameKey,
 }
 
 impl TopWalk {
@@ -58,11 +56,11 @@ impl TopWalk {
         local.cone = Cone::ZERO;
         if self.levels.len() == self.depth {
             let (walk, at) = (Walk::new(), At::NONE);
-            self.levels.push(Level { walk, at, first: 0, level: 0 });
+            self.levels.push(Level { walk, at, frame: FrameKey::OUTERMOST });
         }
         let level = &mut self.levels[self.depth];
         level.walk.begin(&members.tree(view.scene.context().isa()), &local);
-        (level.at, level.first, level.level) = (At { placed: NOTHING, shift, scale }, frame.first, frame.level);
+        (level.at, level.frame) = (At { placed: NOTHING, shift, scale }, frame.key());
         self.depth += 1;
     }
 
@@ -74,7 +72,7 @@ impl TopWalk {
                 return Some(only);
             }
             let level = self.levels[..self.depth].last_mut()?;
-            let frame = Frame::with(view.scene, level.level, level.first);
+            let frame = Frame::of(view.scene, &level.frame);
             let (members, _) = frame.scene.placement.top.walked()?;
             level.walk.shorten(level.at.in_tree(best));
             match members.tree(view.scene.context().isa()).closest(None, &mut level.walk) {
