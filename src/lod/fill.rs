@@ -63,6 +63,15 @@ impl Fill {
         out
     }
 
+    /// Computes the occupied subcells of `cell` from points that are `within` this distance of its content. Points
+    /// outside of the cell say nothing.
+    pub fn of_points(points: impl Iterator<Item = DVec3>, within: f64, cell: &Bounds) -> Self {
+        let grid = Grid::of(cell);
+        let inside = |p: &DVec3| p.cmpge(grid.low).all() && p.cmple(grid.high).all();
+        let occupied = points.filter(inside).fold(0, |all, p| all | grid.subcell(p));
+        Self { occupied, within }
+    }
+
     fn add_piece(&mut self, grid: &Grid, piece: &Grid, fill: &Self) {
         self.within = self.within.max(piece.size.length() * 0.5 + fill.within);
         let mut left = fill.occupied;

@@ -1,0 +1,71 @@
+//! The share of lines that a cell stops, from those that its parts stop. A part stops its share of the lines that enter
+//! its region, by chance: the parts are objects that lie beside each other.
+
+use super::lines::{Lines, Region, numbers};
+use crate::lod::OrientedSlabs;
+use crate::math::Bounds;
+use crate::simd::Portable;
+use glam::{DAffine3, DVec3, Vec3};
+
+/// Groups of eight lines through the cell of a group of members.
+pub const OF_GROUPS: usize = 3;
+/// Groups of eight lines through the cell of a whole tree: its error is that of all members that show it.
+pub const OF_TREES: usize = 16;
+
+/// A part of a cell's content.
+#[derive(Debug, Clone, Copy)]
+pub struct Part {
+    bounds: Bounds,
+    slabs: OrientedSlabs<f32>,
+    /// Share of the lines through its region that it stops.
+    stops: f32,
+    /// The map to the frame of its region, if that is another than the cell's.
+    local: Option<DAffine3>,
+}
+
+impl Part {
+    /// A part in a box and inside of slabs.
+    pub fn new(bounds: Bounds, slabs: OrientedSlabs<f32>, stops: f32) -> Self {
+        Self { bounds, slabs, stops, local: None }
+    }
+
+    /// The part in another frame, from which `local` leads to its own.
+    pub fn placed(self, local: DAffine3) -> Self {
+        Self { local: Some(local), ..self }
+    }
+
+    /// True if a line enters the part's region.
+    fn is_met(&self, org: Vec3, dir: Vec3) -> bool {
+        let (mut org, mut dir) = (org.as_dvec3(), dir.as_dvec3());
+        if let Some(local) = &self.local {
+            (org, dir) = (local.transform_point3(org), local.transform_vector3(dir));
+        }
+        let inv = dir.recip();
+        let (a, b) = ((self.bounds.min.as_dvec3() - org) * inv, (self.bounds.max.as_dvec3() - org) * inv);
+        let (mut enter, mut leave) = (a.min(b).max_element(), a.max(b).min_element());
+        for slab in &self.slabs {
+            let axis = DVec3::from(slab.axis.map(f64::from));
+            let (from, inv) = (org.dot(axis), dir.dot(axis).recip());
+            let (a, b) = ((f64::from(slab.low) - from) * inv, (f64::from(slab.high) - from) * inv);
+            (enter, leave) = (enter.max(a.min(b)), leave.min(a.max(b)));
+        }
+        enter <= leave
+    }
+}
+
+/// Returns the share of the lines through a cell's region, some groups of eight, that its parts stop.
+pub fn share_stopped(cell: &Bounds, slabs: &OrientedSlabs<f32>, parts: &[Part], groups: usize) -> f32 {
+    let mut lines = Lines::new();
+    lines.through(Portable::new(), &Region::around(cell, slabs, 0.0), [0, groups]);
+    let (mut all, mut stopped) = (0.0, 0.0);
+    for i in numbers(lines.all) {
+        let (dir, weight) = lines.direction(i);
+        let org = lines.origin(i);
+        let passes =
+            parts.iter().filter(|part| part.is_met(org, dir)).fold(1.0, |passes, part| passes * (1.0 - part.stops));
+        all += weight;
+        stopped += weight * (1.0 - passes);
+    }
+    // Without lines nothing is known: the cell stops all.
+    if all > 0.0 && all < f32::INFINITY { stopped / all } else { 1.0 }
+}
