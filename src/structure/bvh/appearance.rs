@@ -1,7 +1,7 @@
 //! The appearance of a tree's content as a whole: what a group of members is made of, in a tree over members
 //! (`build/member_cells.rs`). It is composited from the cells of the root's children.
 
-use super::build::stops::{OF_TREES, Part, share_stopped};
+use super::build::stops::{Part, share_of_tree};
 use super::layout::{Block, Child};
 use super::trace::{TreeView, cell_hit};
 use crate::base::ids::BlockId;
@@ -46,6 +46,30 @@ pub struct MemberLook<'a> {
     pub stretch: f64,
 }
 
+/// The content of a tree.
+pub(super) struct Whole<'a> {
+    /// The box around the cells of the root's children.
+    pub cell: Bounds,
+    /// The voxel over these cells, and the cells.
+    pub voxel: Voxel,
+    pub content: Content,
+    pub parts: &'a [Part],
+    pub is_loose: bool,
+    /// Points near the content, and how near.
+    pub points: (Vec<DVec3>, f64),
+}
+
+impl Appearance {
+    pub(super) fn of(it: Whole) -> Self {
+        let Whole { cell, voxel, content, parts, is_loose, points: (points, within) } = it;
+        let middle = Middle { at: cell.center().to_array(), half: (cell.extent() * 0.5).to_array() };
+        let Coded { words, slabs, .. } = Coded::of(&voxel, &middle, &content, true);
+        let slabs = oriented_slabs(fields(slabs), normal_bytes(words[0]), &middle);
+        let stops = share_of_tree(&cell, &slabs, parts);
+        Self { cell, slabs, sides: voxel.sides, points, within, stops, is_loose }
+    }
+}
+
 impl TreeView<'_> {
     /// See [`crate::structure::Tree::appearance`].
     pub fn appearance(&self, colour_of: &dyn Fn(u32) -> Vec3) -> Option<Appearance> {
@@ -53,7 +77,7 @@ impl TreeView<'_> {
         let block = Block::new(self.snapshot.block(BlockId(self.root_block))?);
         let node = block.node(index);
         let slots: Vec<usize> = bits(node.valid.into()).collect();
-        if self.is_empty() || slots.iter().any(|slot| node.never_stands_in(*slot)) {
+        if self.is_empty() || self.has_members {
             return None;
         }
         let boxes: Vec<Bounds> = slots.iter().map(|slot| node.stored_box(*slot)).collect();
@@ -61,12 +85,7 @@ impl TreeView<'_> {
         let cell = boxes.iter().fold(Bounds::EMPTY, |all, b| all.union(*b));
         let (sides, loose) = self.sides_of_children(block, index, colour_of)?;
         let voxels: Vec<Voxel> = slots.iter().map(|slot| Voxel::of_sides(sides[*slot], 0)).collect();
-        let voxel = Voxel::over(boxes.iter().zip(&voxels));
         let empty = Fill::of_points(std::iter::empty(), 0.0, &cell);
-        let content = Content::of_cells(boxes.iter().zip(&slabs).map(|(b, slabs)| (*b, *slabs, empty)).collect());
-        let middle = Middle { at: cell.center().to_array(), half: (cell.extent() * 0.5).to_array() };
-        let Coded { words, slabs: word, .. } = Coded::of(&voxel, &middle, &content, true);
-        let own_slabs = oriented_slabs(fields(word), normal_bytes(words[0]), &middle);
         let parts: Vec<Part> = slots
             .iter()
             .zip(boxes.iter().zip(&slabs))
@@ -74,16 +93,14 @@ impl TreeView<'_> {
             .collect();
         let area = |slot: &usize| node.stored_box(*slot).half_area();
         let of_loose: f32 = slots.iter().filter(|slot| loose >> **slot & 1 == 1).map(area).sum();
-        let (points, within) = points_of(block, index);
-        Some(Appearance {
+        Some(Appearance::of(Whole {
             cell,
-            slabs: own_slabs,
-            sides: voxel.sides,
-            points,
-            within,
-            stops: share_stopped(&cell, &own_slabs, &parts, OF_TREES),
+            voxel: Voxel::over(boxes.iter().zip(&voxels)),
+            content: Content::of_cells(boxes.iter().zip(&slabs).map(|(b, slabs)| (*b, *slabs, empty)).collect()),
+            parts: &parts,
             is_loose: 2.0 * of_loose > slots.iter().map(area).sum::<f32>(),
-        })
+            points: points_of(block, index),
+        }))
     }
 
     /// Returns the samples of the sides of a node's children, and the children with loose content. `None` if the

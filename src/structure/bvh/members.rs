@@ -6,7 +6,7 @@
 //! all members below it: it is the walk's best hit, as in a tree of triangles. The voxel's part is then the number of
 //! the member with the greatest visible area. Members never stand in themselves: the roots of their own trees do.
 
-use super::appearance::MemberLook;
+use super::appearance::{Appearance, MemberLook};
 use super::build::members as build;
 use super::layout::{self, Block, MAX_NODES};
 use super::trace::TreeView;
@@ -35,6 +35,7 @@ pub struct Members {
     max_coord: f32,
     /// Blocks that differ from those of the build.
     changed: BTreeSet<u32>,
+    appearance: Option<Appearance>,
 }
 
 impl Members {
@@ -64,17 +65,23 @@ impl Members {
         Self::of(build::build(boxes, Some(&mut look_of))?, max_coord)
     }
 
-    fn of(built: Vec<Vec<u32>>, max_coord: f32) -> Result<Self> {
+    fn of((built, appearance): (Vec<Vec<u32>>, Option<Appearance>), max_coord: f32) -> Result<Self> {
         let count = built.len() as u32;
         let slots = (0..).zip(built).map(|(id, words)| (BlockId(id), Slot::new(&words)));
         let blocks = Snapshot::empty(count).with(slots);
-        Ok(Self { blocks, root: count - 1, max_coord, changed: BTreeSet::new() })
+        Ok(Self { blocks, root: count - 1, max_coord, changed: BTreeSet::new(), appearance })
     }
 
     /// The tree, for walks.
     #[inline]
     pub fn tree(&self, isa: Isa) -> Tree<'_> {
         Tree::new(Blocks::Bvh(TreeView::over_members(&self.blocks, self.root, self.max_coord, isa)), None)
+    }
+
+    /// What the members look like together, for a tree over several such groups. `None` if not all are described, or
+    /// some have moved.
+    pub fn appearance(&self) -> Option<&Appearance> {
+        self.appearance.as_ref()
     }
 
     /// The number of the root.
@@ -104,7 +111,7 @@ impl Members {
     pub(super) fn with_blocks(&self, blocks: Vec<(BlockId, Slot)>) -> Self {
         let mut changed = self.changed.clone();
         changed.extend(blocks.iter().map(|it| it.0.0));
-        Self { blocks: self.blocks.with(blocks), changed, ..*self }
+        Self { blocks: self.blocks.with(blocks), changed, appearance: None, ..*self }
     }
 
     /// Bytes of memory of blocks that differ from those of the build.

@@ -8,12 +8,12 @@
 use super::members::{Kind, WHAT, Wide, each_child};
 use super::quantise::quantise;
 use super::refs::Ref;
-use super::stops::{OF_GROUPS, Part, share_stopped};
+use super::stops::{Part, share_of_group};
 use crate::base::error::Result;
 use crate::base::memory::{make_room, room};
 use crate::lod::{Coded, Content, Fill, OrientedSlabs, SIDES_WORDS, Voxel, loosened, stop_bits, stop_code};
 use crate::math::Bounds;
-use crate::structure::bvh::appearance::{Described, MemberLook};
+use crate::structure::bvh::appearance::{Appearance, Described, MemberLook, Whole};
 use crate::structure::bvh::layout::{LONG_VOXEL, Node, WIDTH};
 
 /// A firm content that stops at least this share of the lines through its region counts as a closed wall: it stops all.
@@ -30,6 +30,8 @@ pub(super) struct MemberCells {
     pub voxels: Vec<[u32; LONG_VOXEL]>,
     /// The sides of voxels that have six. Word 1 of such a voxel is the index here.
     pub sides: Vec<[u32; SIDES_WORDS]>,
+    /// What the whole tree looks like, if all of it is described.
+    pub appearance: Option<Appearance>,
 }
 
 /// A node, for the node above.
@@ -63,7 +65,7 @@ pub(super) fn add<'a>(
     refs: &[Ref],
     look_of: &mut dyn FnMut(u32) -> Option<MemberLook<'a>>,
 ) -> Result<MemberCells> {
-    let mut cells = MemberCells { voxels: room(nodes.len(), WHAT)?, sides: Vec::new() };
+    let mut cells = MemberCells { voxels: room(nodes.len(), WHAT)?, ..MemberCells::default() };
     let mut below: Vec<Below> = Vec::new();
     for wide in nodes.iter_mut().rev() {
         let inner = each_child(wide).filter(|(_, sub)| sub.inner().is_some()).count();
@@ -71,6 +73,8 @@ pub(super) fn add<'a>(
         let inners = below.split_off(below.len() - inner);
         below.push(one(wide, inners, refs, look_of, &mut cells)?);
     }
+    let root = below.pop();
+    cells.appearance = root.and_then(|Below { cell, look }| look.map(|look| look.appearance(cell)));
     Ok(cells)
 }
 
@@ -150,6 +154,13 @@ impl Look {
         Self { voxel, content: Content::of_cells(content), parts, is_loose }
     }
 
+    /// What a whole tree looks like; `cell` is the box around its root's children.
+    fn appearance(self, cell: Bounds) -> Appearance {
+        let Self { voxel, content, parts, is_loose } = self;
+        let points = Fill::of(&content, &cell).middles(&cell);
+        Appearance::of(Whole { cell, voxel, content, parts: &parts, is_loose, points })
+    }
+
     /// Makes the cell in `slot` of a node, which is stored as `cell`, stand in for the content. Returns its voxel, and
     /// the cell as a part of the node's content.
     fn stands_in(self, node: &mut Node, slot: usize, cell: &Bounds) -> (Coded, Piece) {
@@ -158,7 +169,7 @@ impl Look {
         node.set_oriented_slabs(slot, coded.slabs, coded.words[0] as u16);
         let (slabs, fill) = (node.stored_oriented_slabs(slot), Fill::of(&content, cell));
         node.set_level(slot, fill.level(cell, &slabs));
-        let share = share_stopped(cell, &slabs, &parts, OF_GROUPS);
+        let share = share_of_group(cell, &slabs, &parts);
         let stops = if !is_loose && share >= WALL { 1.0 } else { share };
         let code = stop_code(stops);
         if code > 0 {

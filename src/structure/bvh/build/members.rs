@@ -17,7 +17,7 @@ use crate::base::error::{Error, Result};
 use crate::base::memory::room;
 use crate::lod::{Coded, SIDES_WORDS, stopped};
 use crate::math::Bounds;
-use crate::structure::bvh::appearance::MemberLook;
+use crate::structure::bvh::appearance::{Appearance, MemberLook};
 use crate::structure::bvh::layout::{
     Child, EXTERNAL_WORDS, HEADER_WORDS, INDEX_MASK, LINE_WORDS, LONG_VOXEL, MAX_NODES, NODE_WORDS, Node, SHORT_VOXEL,
     Transmitting, WIDTH, mark_transmitting,
@@ -118,7 +118,10 @@ pub type LookOf<'f, 'a> = &'f mut dyn FnMut(u32) -> Option<MemberLook<'a>>;
 /// Builds a tree over the members of `boxes`, at least two: their numbers, below 2^31, and their boxes, which are not
 /// empty. The same input gives the same words, block by block; the root is node 0 of the last block. Fails with
 /// `NoMemory`, and with `BadArgument` if there may be more than [`MOST_NODES`] nodes.
-pub fn build(boxes: impl ExactSizeIterator<Item = (u32, Bounds)>, look_of: Option<LookOf>) -> Result<Vec<Vec<u32>>> {
+pub fn build(
+    boxes: impl ExactSizeIterator<Item = (u32, Bounds)>,
+    look_of: Option<LookOf>,
+) -> Result<(Vec<Vec<u32>>, Option<Appearance>)> {
     let par = Par { threads: 1 };
     let most = boxes.len() * 4 / 7 + 1;
     if most > MOST_NODES {
@@ -137,7 +140,7 @@ pub fn build(boxes: impl ExactSizeIterator<Item = (u32, Bounds)>, look_of: Optio
         }
     }
     drop(refs);
-    store(nodes, &cells)
+    Ok((store(nodes, &cells)?, cells.appearance))
 }
 
 /// Returns the nodes over all references: each before those below it, the last child with all below it first. Members

@@ -7,10 +7,11 @@ use crate::math::Bounds;
 use crate::simd::Portable;
 use glam::{DAffine3, DVec3, Vec3};
 
-/// Groups of eight lines through the cell of a group of members.
-pub const OF_GROUPS: usize = 3;
-/// Groups of eight lines through the cell of a whole tree: its error is that of all members that show it.
-pub const OF_TREES: usize = 16;
+/// Groups of eight lines through a cell above nodes, and above members only. Of the latter there are many, so that their
+/// errors average out.
+const ABOVE: [usize; 2] = [8, 3];
+/// Groups of eight lines through the cell of a whole tree, and how often: its error is that of all members that show it.
+const OF_TREES: [usize; 2] = [16, 8];
 
 /// A part of a cell's content.
 #[derive(Debug, Clone, Copy)]
@@ -53,18 +54,30 @@ impl Part {
     }
 }
 
-/// Returns the share of the lines through a cell's region, some groups of eight, that its parts stop.
-pub fn share_stopped(cell: &Bounds, slabs: &OrientedSlabs<f32>, parts: &[Part], groups: usize) -> f32 {
-    let mut lines = Lines::new();
-    lines.through(Portable::new(), &Region::around(cell, slabs, 0.0), [0, groups]);
+/// Returns the share of the lines through the region of a cell above nodes or members that its parts stop.
+pub fn share_of_group(cell: &Bounds, slabs: &OrientedSlabs<f32>, parts: &[Part]) -> f32 {
+    let has_only_members = parts.iter().all(|part| part.local.is_some());
+    share_stopped(cell, slabs, parts, [ABOVE[usize::from(has_only_members)], 1])
+}
+
+/// Returns the share of the lines through the region of a whole tree that its parts stop.
+pub fn share_of_tree(cell: &Bounds, slabs: &OrientedSlabs<f32>, parts: &[Part]) -> f32 {
+    share_stopped(cell, slabs, parts, OF_TREES)
+}
+
+fn share_stopped(cell: &Bounds, slabs: &OrientedSlabs<f32>, parts: &[Part], [groups, rounds]: [usize; 2]) -> f32 {
+    let (mut lines, mut region) = (Lines::new(), Region::around(cell, slabs, 0.0));
     let (mut all, mut stopped) = (0.0, 0.0);
-    for i in numbers(lines.all) {
-        let (dir, weight) = lines.direction(i);
-        let org = lines.origin(i);
-        let passes =
-            parts.iter().filter(|part| part.is_met(org, dir)).fold(1.0, |passes, part| passes * (1.0 - part.stops));
-        all += weight;
-        stopped += weight * (1.0 - passes);
+    for _ in 0..rounds {
+        lines.through(Portable::new(), &region, [0, groups]);
+        for i in numbers(lines.all) {
+            let ((dir, weight), org) = (lines.direction(i), lines.origin(i));
+            let met = parts.iter().filter(|part| part.is_met(org, dir));
+            let passes = met.fold(1.0, |passes, part| passes * (1.0 - part.stops));
+            all += weight;
+            stopped += weight * (1.0 - passes);
+        }
+        region.go_on();
     }
     // Without lines nothing is known: the cell stops all.
     if all > 0.0 && all < f32::INFINITY { stopped / all } else { 1.0 }
