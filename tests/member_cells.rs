@@ -98,6 +98,14 @@ fn leaves(rng: &mut Rng, count: usize) -> Vec<Tri> {
         .collect()
 }
 
+/// A closed surface, cuboids and leaves, each within a ball of radius 1.
+fn models() -> [Vec<Tri>; 3] {
+    [scenes::bumpy_sphere(5, 7, 1), scenes::boxes(6, 2), leaves(&mut Rng::new(3), 60)].map(|tris| {
+        let size = tris.iter().flatten().map(|v| v.length()).fold(0.0, f64::max);
+        tris.iter().map(|t| t.map(|v| v / size)).collect()
+    })
+}
+
 fn members(models: &[Vec<Tri>], count: usize, seed: u64) -> (Vec<TestTree>, Vec<Member>) {
     let mut rng = Rng::new(seed);
     let trees: Vec<TestTree> = models.iter().map(|tris| TestTree::around_middle(tris, 0.0)).collect();
@@ -135,9 +143,7 @@ impl Group {
     fn usual() -> &'static Self {
         static USUAL: OnceLock<Group> = OnceLock::new();
         USUAL.get_or_init(|| {
-            let soup = leaves(&mut Rng::new(3), 60);
-            let models = [scenes::bumpy_sphere(6, 9, 1), scenes::boxes(8, 2), soup];
-            let (trees, members) = members(&models, 320, 9);
+            let (trees, members) = members(&models(), 320, 9);
             Self::new(&trees, members)
         })
     }
@@ -145,6 +151,8 @@ impl Group {
 
 /// The tree over members, of which `is_described` chooses those with a look.
 fn described(looks: &[(Appearance, Vec3)], members: &[Member], is_described: impl Fn(usize) -> bool) -> Members {
+    let is_near = |it: &Member| it.bounds.min.abs().max(it.bounds.max.abs()).max_element() < MAX_COORD * 0.98;
+    assert!(members.iter().all(is_near));
     let boxes = members.iter().enumerate().map(|(i, it)| (number(i), it.bounds));
     let look = |number: u32| {
         let it = &members[index(number)];
@@ -430,8 +438,7 @@ fn cells_above_members_without_looks_do_not_stand_in() {
 fn cells_above_moved_members_do_not_stand_in() {
     let usual = Group::usual();
     let (mut rng, mut members) = (Rng::new(8), usual.members.clone());
-    let trees = [scenes::bumpy_sphere(6, 9, 1), scenes::boxes(8, 2), leaves(&mut Rng::new(3), 60)];
-    let trees = trees.map(|tris| TestTree::around_middle(&tris, 0.0));
+    let trees = models().map(|tris| TestTree::around_middle(&tris, 0.0));
     let mut tree = described(&usual.looks, &members, |_| true);
     let (mut walk, mut cells) = (Walk::new(), 0);
     for round in 0..4 {
@@ -478,8 +485,7 @@ fn cells_above_moved_members_do_not_stand_in() {
 /// Groups of groups, as scenes in scenes are: the appearance of a tree over members describes a member of another.
 #[test]
 fn groups_of_groups_keep_the_promise() {
-    let models = [scenes::bumpy_sphere(4, 6, 1), scenes::boxes(4, 2), leaves(&mut Rng::new(3), 30)];
-    let (trees, mut inner) = members(&models, 24, 31);
+    let (trees, mut inner) = members(&models(), 24, 31);
     for it in &mut inner {
         *it = Member::new(
             it.model,
@@ -509,7 +515,7 @@ fn groups_of_groups_keep_the_promise() {
     }
     let Tally { cells, exact, misses, transmitted, levels, .. } = tally;
     println!("{cells} cells, {exact} exact, {misses} misses, {transmitted} transmitted, levels {levels:?}");
-    assert!(cells > 200 && transmitted > 50);
+    assert!(cells > 100 && transmitted > 50);
 }
 
 /// The members below the cell of a hit: those that a walk from its node comes to.
