@@ -1,7 +1,7 @@
 //! The appearance of a tree's content as a whole: what a group of members is made of, in a tree over members
 //! (`build/member_cells.rs`). It is composited from the cells of the root's children.
 
-use super::build::stops::{Part, share_of_tree};
+use super::build::stops::{Part, closed, share_of_tree};
 use super::layout::{Block, Child};
 use super::trace::{TreeView, cell_hit};
 use crate::base::ids::BlockId;
@@ -65,7 +65,7 @@ impl Appearance {
         let middle = Middle { at: cell.center().to_array(), half: (cell.extent() * 0.5).to_array() };
         let Coded { words, slabs, .. } = Coded::of(&voxel, &middle, &content, true);
         let slabs = oriented_slabs(fields(slabs), normal_bytes(words[0]), &middle);
-        let stops = share_of_tree(&cell, &slabs, parts);
+        let stops = closed(share_of_tree(&cell, &slabs, parts), is_loose);
         Self { cell, slabs, sides: voxel.sides, points, within, stops, is_loose }
     }
 }

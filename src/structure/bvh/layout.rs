@@ -36,6 +36,10 @@
 //! Ray Traversal on GPUs Through Compressed Wide BVHs", HPG 2017. The rest of the node differs: it has explicit 16-bit
 //! references instead of a common base.
 //!
+//! In a tree over members (`members.rs`) the numbers of a block's members take the place of its parts, and there are no
+//! leaves. Children that are nodes have the first slots, and only they have voxels; nodes above members without looks
+//! have none, and no block has any if no member has a look.
+//!
 //! `leaf.rs` describes a **leaf**.
 
 use super::leaf::Leaf;

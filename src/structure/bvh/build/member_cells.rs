@@ -8,17 +8,13 @@
 use super::members::{Kind, WHAT, Wide, each_child};
 use super::quantise::quantise;
 use super::refs::Ref;
-use super::stops::{Part, share_of_group};
+use super::stops::{Part, closed, share_of_group};
 use crate::base::error::Result;
 use crate::base::memory::{make_room, room};
 use crate::lod::{Coded, Content, Fill, OrientedSlabs, SIDES_WORDS, Voxel, loosened, stop_bits, stop_code};
 use crate::math::Bounds;
 use crate::structure::bvh::appearance::{Appearance, Described, MemberLook, Whole};
 use crate::structure::bvh::layout::{LONG_VOXEL, Node, WIDTH};
-
-/// A firm content that stops at least this share of the lines through its region counts as a closed wall: it stops all.
-/// (The region of a piece of a wall is the piece and what its corners lack of a box.)
-const WALL: f32 = 0.7;
 
 /// Members with this number or a greater one are not described: it does not fit into a voxel.
 const NUMBERS: u32 = 1 << 30;
@@ -170,7 +166,7 @@ impl Look {
         let (slabs, fill) = (node.stored_oriented_slabs(slot), Fill::of(&content, cell));
         node.set_level(slot, fill.level(cell, &slabs));
         let share = share_of_group(cell, &slabs, &parts);
-        let stops = if !is_loose && share >= WALL { 1.0 } else { share };
+        let stops = closed(share, is_loose);
         let code = stop_code(stops);
         if code > 0 {
             let first = coded.words[0] | stop_bits(code);
