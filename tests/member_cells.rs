@@ -1,6 +1,6 @@
 //! Stand-ins for groups of members: a walk with a cone through a tree over members may end at a cell. What such a hit
-//! promises is checked in double precision against the triangles of all members, placed by turned, mirrored, sheared and
-//! scaled maps; so are its looks against what rays meet first. All kinds of walks find the same cells.
+//! promises is checked in double precision against the triangles of all members, placed by turned, mirrored, sheared
+//! and scaled maps; so are its looks against what rays meet first. All kinds of walks find the same cells.
 
 mod group;
 

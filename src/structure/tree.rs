@@ -329,8 +329,8 @@ impl<'a> Tree<'a> {
         of_each!(&self.blocks, own => own.normals_at.is_some())
     }
 
-    /// Returns what the tree's content looks like as a whole; `colour_of` returns the linear colour of a local part. `None`
-    /// if the root is not in memory or the tree is empty, and for trees over members ([`Members::appearance`]).
+    /// Returns what the tree's content looks like as a whole; `colour_of` returns the linear colour of a local part.
+    /// `None` if the root is not in memory or the tree is empty, and for trees over members ([`Members::appearance`]).
     pub fn appearance(&self, colour_of: &dyn Fn(u32) -> Vec3) -> Option<Appearance> {
         match &self.blocks {
             Blocks::Bvh(own) => own.appearance(colour_of),

@@ -1,6 +1,6 @@
 //! Moves members of a tree over members: the boxes above each one are fitted anew, in copies of the blocks that change.
-//! Cells above them, and cells with new boxes, stop standing in until the tree is built anew: what they would show is not
-//! there any more.
+//! Cells above them, and cells with new boxes, stop standing in until the tree is built anew: what they would show is
+//! not there any more.
 
 use super::build::quantise::set_box;
 use super::layout::{Block, Child as Reference, HEADER_WORDS, MAX_NODES, NODE_WORDS, Node, WIDTH};
@@ -31,7 +31,8 @@ struct At {
 }
 
 impl Members {
-    /// The tree after some moves, also of members that stay where they are but look different; `None` if a member is not where its move says. Blocks without changes are shared.
+    /// The tree after some moves, also of members that stay where they are but look different; `None` if a member is
+    /// not where its move says. Blocks without changes are shared.
     pub fn moved(&self, moves: &[Move]) -> Option<Self> {
         let mut refit = Refit { tree: self, changed: BTreeMap::new() };
         for it in moves {
@@ -84,8 +85,8 @@ impl Refit<'_> {
         None
     }
 
-    /// Gives the slot at the end of a path a box, and the slots above it boxes around their nodes'. The cells above it do
-    /// not stand in any more.
+    /// Gives the slot at the end of a path a box, and the slots above it boxes around their nodes'. The cells above it
+    /// do not stand in any more.
     fn fit(&mut self, path: &[At], to: Bounds) {
         let mut to = Some(to);
         for at in path.iter().rev() {

@@ -54,8 +54,8 @@ struct Piece {
     is_loose: bool,
 }
 
-/// Gives all nodes boxes and voxels. Each node comes before those below it, the last child with all below it first. Where
-/// a child is a member, it is given as the index of its box in `refs`. Fails with `NoMemory`.
+/// Gives all nodes boxes and voxels. Each node comes before those below it, the last child with all below it first.
+/// Where a child is a member, it is given as the index of its box in `refs`. Fails with `NoMemory`.
 pub(super) fn add<'a>(
     nodes: &mut [Wide],
     refs: &[Ref],

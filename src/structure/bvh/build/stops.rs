@@ -7,17 +7,18 @@ use crate::math::Bounds;
 use crate::simd::Portable;
 use glam::{DAffine3, DVec3, Vec3};
 
-/// Groups of eight lines through a cell above nodes, and above members only. Of the latter there are many, so that their
-/// errors average out.
+/// Groups of eight lines through a cell above nodes, and above members only. Of the latter there are many, so that
+/// their errors average out.
 const ABOVE: [usize; 2] = [8, 3];
-/// Groups of eight lines through the cell of a whole tree, and how often: its error is that of all members that show it.
+/// Groups of eight lines through the cell of a whole tree, and how often: its error is that of all members that show
+/// it.
 const OF_TREES: [usize; 2] = [16, 8];
 
 /// A firm content that stops at least this share of the lines through its region counts as a closed wall: it stops all.
 /// (The region of a piece of a tilted wall is the piece and what its corners lack of a box, and slabs are thicker than
-/// it. Nodes over a few sheared plates of a wall stop 0.35 of their lines or more; with 0.4 rays pass the wall. What lies
-/// beside a cell is not looked at, as `coverage` does, so firm members that fill a third of a group's region, and are no
-/// wall, stop too many rays.)
+/// it. Nodes over a few sheared plates of a wall stop 0.35 of their lines or more; with 0.4 rays pass the wall. What
+/// lies beside a cell is not looked at, as `coverage` does, so firm members that fill a third of a group's region, and
+/// are no wall, stop too many rays.)
 const WALL: f32 = 0.3;
 
 /// The share that counts for a content that stops `share`.
