@@ -34,6 +34,12 @@ pub const fn stop_bits(code: u8) -> u32 {
     (code as u32 & 63) << STOPS
 }
 
+/// Returns the stop code, from 1 to 62, of a voxel that stops a share of rays; 0, for all, in place of the greatest
+/// code, and for shares that are not finite. A voxel stops some rays at least.
+pub fn stop_code(share: f32) -> u8 {
+    if share.is_finite() { (share.max(0.0).sqrt() * 63.0).round().max(1.0) as u8 % 63 } else { 0 }
+}
+
 /// Number of rays that a voxel stops, of 4096, from its first word; 0: it stops all rays.
 #[inline]
 pub fn stopped(word: u32) -> u32 {
@@ -109,7 +115,7 @@ fn byte(word: u32, at: u32) -> f32 {
 
 /// Covered share, from a sample's second word.
 #[inline(always)]
-pub(super) fn stored_cover(word: u32) -> f32 {
+pub fn stored_cover(word: u32) -> f32 {
     byte(word, 24)
 }
 

@@ -63,6 +63,22 @@ impl Fill {
         out
     }
 
+    /// Computes the occupied subcells of `cell` from points that are `within` this distance of its content. Points
+    /// outside of the cell say nothing.
+    pub fn of_points(points: impl Iterator<Item = DVec3>, within: f64, cell: &Bounds) -> Self {
+        let grid = Grid::of(cell);
+        let inside = |p: &DVec3| p.cmpge(grid.low).all() && p.cmple(grid.high).all();
+        let occupied = points.filter(inside).fold(0, |all, p| all | grid.subcell(p));
+        Self { occupied, within }
+    }
+
+    /// The middles of the occupied subcells of `cell`, and how far they are from its content at most.
+    pub fn middles(&self, cell: &Bounds) -> (Vec<DVec3>, f64) {
+        let grid = Grid::of(cell);
+        let occupied = (0..64).filter(|bit| self.occupied >> bit & 1 == 1);
+        (occupied.map(|bit| grid.middle(bit)).collect(), grid.size.length() * 0.5 + self.within)
+    }
+
     fn add_piece(&mut self, grid: &Grid, piece: &Grid, fill: &Self) {
         self.within = self.within.max(piece.size.length() * 0.5 + fill.within);
         let mut left = fill.occupied;

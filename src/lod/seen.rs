@@ -12,7 +12,7 @@ use super::coded::{stored_colour, stored_cover, stored_likeness};
 use glam::Vec3;
 
 /// Added to each side's visible area, so that the sum is never zero.
-const LEAST_SEEN: f32 = 1e-6;
+pub(super) const LEAST_SEEN: f32 = 1e-6;
 
 /// Returns the shares of three sides, which add up to 1.
 ///

@@ -39,7 +39,8 @@ pub struct Sample {
 }
 
 impl Sample {
-    const NOTHING: Self = Self { normal: Vec3::ZERO, colour: Vec3::ZERO, cover: 0.0 };
+    /// No surface.
+    pub const NOTHING: Self = Self { normal: Vec3::ZERO, colour: Vec3::ZERO, cover: 0.0 };
 }
 
 /// Samples and parts of a cell.
@@ -68,7 +69,7 @@ pub fn summary_bit(part: u32) -> u32 {
 
 /// Axis of a side, and true if it is the high side.
 #[inline]
-fn axis_of(side: usize) -> (usize, bool) {
+pub(super) fn axis_of(side: usize) -> (usize, bool) {
     (side % 3, side >= 3)
 }
 
@@ -131,6 +132,11 @@ impl Voxel {
         let parts = facets.iter().map(|f| (f.part, f.normal.length(), summary_bit(f.part), false));
         voxel.gather_parts(parts);
         voxel
+    }
+
+    /// A voxel that shows `sides`, all of one part and in colours of its own.
+    pub fn of_sides(sides: [Sample; 6], part: u32) -> Self {
+        Self { sides, part, weight: 0.0, is_mixed: false, summary: summary_bit(part), has_own_colours: true }
     }
 
     /// Composites the voxels of a node's children, at least one and at most eight, each in its box.

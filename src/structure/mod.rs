@@ -58,7 +58,7 @@ pub use ray::{LocalRay, LocalRays, USUAL_DIRS};
 pub use resident::{Forms, Made, MakeForms, Resident};
 pub use rows::{COLUMNS, Lanes, Rows};
 pub use stream::Stream;
-pub use tree::{Blocks, Bundle, MemberChild, Members, Move, NEVER, Tree, Visit};
+pub use tree::{Appearance, Blocks, Bundle, MemberChild, MemberLook, Members, Move, NEVER, Tree, Visit};
 pub use walk::Walk;
 
 /// Acceleration structure of a model.

@@ -32,6 +32,7 @@ use crate::store::Proxies;
 use glam::{DVec3, Vec3};
 use std::sync::atomic::AtomicBool;
 
+pub use bvh::appearance::{Appearance, MemberLook};
 pub use bvh::members::{Child as MemberChild, Members};
 pub use bvh::refit::Move;
 pub use bvh::trace::Bundle;
@@ -326,6 +327,16 @@ impl<'a> Tree<'a> {
     /// True if triangles may have normals other than their own.
     pub fn has_normals(&self) -> bool {
         of_each!(&self.blocks, own => own.normals_at.is_some())
+    }
+
+    /// Returns what the tree's content looks like as a whole; `colour_of` returns the linear colour of a local part.
+    /// `None` if the root is not in memory or the tree is empty, and for trees over members ([`Members::appearance`]).
+    pub fn appearance(&self, colour_of: &dyn Fn(u32) -> Vec3) -> Option<Appearance> {
+        match &self.blocks {
+            Blocks::Bvh(own) => own.appearance(colour_of),
+            #[cfg(any(test, feature = "brute"))]
+            Blocks::Brute(_) => None,
+        }
     }
 
     /// Returns the parts in the cell of a hit; `None` if its block has left the snapshot.

@@ -41,9 +41,14 @@ pub fn isas() -> Vec<Isa> {
 impl TestTree {
     /// Builds the tree of `tris` (each with an area), rounded to f32 around `origin`.
     pub fn build(tris: &[Tri], origin: DVec3, split_budget: f32) -> Self {
-        let local: Vec<[Vec3; 3]> = tris.iter().map(|t| t.map(|v| (v - origin).as_vec3())).collect();
         // Runs of three parts in turn.
-        let parts: Vec<u32> = (0..tris.len() as u32).map(|i| i / 50 % 3).collect();
+        Self::of_parts(tris, origin, split_budget, |i| i / 50 % 3)
+    }
+
+    /// The same with other parts of the triangles.
+    pub fn of_parts(tris: &[Tri], origin: DVec3, split_budget: f32, part_of: impl Fn(u32) -> u32) -> Self {
+        let local: Vec<[Vec3; 3]> = tris.iter().map(|t| t.map(|v| (v - origin).as_vec3())).collect();
+        let parts: Vec<u32> = (0..tris.len() as u32).map(part_of).collect();
         let prims: Vec<u32> = (0..tris.len() as u32).collect();
         let input = TreeInput {
             triangles: &local,
@@ -104,6 +109,7 @@ impl TestTree {
             ties_by_place: false,
             stamp: 1,
             shown: None,
+            has_members: false,
             proxies: None,
             stop: &outcrop::structure::NEVER,
         }

@@ -36,11 +36,15 @@
 //! Ray Traversal on GPUs Through Compressed Wide BVHs", HPG 2017. The rest of the node differs: it has explicit 16-bit
 //! references instead of a common base.
 //!
+//! In a tree over members (`members.rs`) the numbers of a block's members take the place of its parts, and there are no
+//! leaves. Children that are nodes have the first slots, and only they have voxels; nodes above members without looks
+//! have none, and no block has any if no member has a look.
+//!
 //! `leaf.rs` describes a **leaf**.
 
 use super::leaf::Leaf;
 pub use super::voxel::StoredVoxel;
-use crate::lod::{self, LEVEL, Middle, OrientedSlabs, SIDES_WORDS, TRANSMITTING_LEVEL, VOXEL_WORDS, stopped};
+use crate::lod::{self, FIELDS, LEVEL, Middle, OrientedSlabs, SIDES_WORDS, TRANSMITTING_LEVEL, VOXEL_WORDS, stopped};
 use crate::math::Bounds;
 use bytemuck::{Pod, Zeroable, must_cast_ref};
 use glam::Vec3;
@@ -152,6 +156,10 @@ impl Child {
     }
 }
 
+/// The slabs of a child that never stands in, in a tree over members: their lower plane is above their upper one, which
+/// no content has.
+const NEVER_STANDS_IN: u32 = (1 << FIELDS[0].1) - 1;
+
 /// An inner node: two cache lines.
 ///
 /// Invariants, checked by `validate`: `origin` is finite; exponents are in 1..=254; in each valid slot `low <= high` on
@@ -234,6 +242,17 @@ impl Node {
     /// Sets the level of a child to 0: its cell then counts with all of its area where it may stand in.
     pub fn clear_level(&mut self, slot: usize) {
         self.slabs[slot] &= !(3 << LEVEL.0);
+    }
+
+    /// Makes a child unable to stand in.
+    pub fn keep_from_standing_in(&mut self, slot: usize) {
+        self.set_oriented_slabs(slot, NEVER_STANDS_IN, 0);
+    }
+
+    /// True if a child never stands in. (Not the children of a file's nodes: all their slabs have content.)
+    #[inline(always)]
+    pub fn never_stands_in(&self, slot: usize) -> bool {
+        self.slabs[slot & (WIDTH - 1)] == NEVER_STANDS_IN
     }
 
     /// Marks a child that may transmit rays: its level becomes at most [`TRANSMITTING_LEVEL`]. For children of greater

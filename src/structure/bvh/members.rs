@@ -1,7 +1,12 @@
 //! Trees over **members**: over boxes with numbers instead of triangles. A scene has one over its placed trees. It has
 //! the nodes of the bvh, so rays walk it by the same code ([`Members::tree`]); a walk that reaches a member says so
 //! ([`crate::structure::Outcome::Member`]). Its blocks are always in memory.
+//!
+//! If members are described ([`Members::build_described`]), a walk with a cone may end at a cell, which stands in for
+//! all members below it: it is the walk's best hit, as in a tree of triangles. The voxel's part is then the number of
+//! the member with the greatest visible area. Members never stand in themselves: the roots of their own trees do.
 
+use super::appearance::{Appearance, MemberLook};
 use super::build::members as build;
 use super::layout::{self, Block, MAX_NODES};
 use super::trace::TreeView;
@@ -30,26 +35,53 @@ pub struct Members {
     max_coord: f32,
     /// Blocks that differ from those of the build.
     changed: BTreeSet<u32>,
+    appearance: Option<Appearance>,
 }
 
 impl Members {
     /// Upper bound of the bytes of memory for each member, while the tree is built.
     pub const BYTES_EACH: usize = build::BYTES_EACH;
+
+    /// The same if members are described.
+    pub const BYTES_EACH_DESCRIBED: usize = build::BYTES_EACH_DESCRIBED;
+
     /// Builds a tree over the members of `boxes`, at least two: their numbers, below 2^31, and their boxes, which are
     /// not empty. No coordinate is greater than `max_coord` in magnitude; later moves may go that far too. The same
-    /// input gives the same tree. Fails with `NoMemory`, and with `BadArgument` for more than some 1.8 billion.
+    /// input gives the same tree. Fails with `NoMemory`, and with `BadArgument` for more than some 1.8 billion. No cell
+    /// of the tree stands in.
     pub fn build(boxes: impl ExactSizeIterator<Item = (u32, Bounds)>, max_coord: f32) -> Result<Self> {
-        let built = build::build(boxes)?;
+        Self::of(build::build(boxes, None)?, max_coord)
+    }
+
+    /// Builds a tree as [`Members::build`] does, in which nodes stand in for the members below them. `look_of` returns
+    /// what a member looks like; a node above one without a look never stands in, nor does one above a member with a
+    /// number from 2^30 on. Each box holds its member's content, as placed by the look's map. Boxes of nodes may reach
+    /// beyond those of the members by up to a fiftieth of the whole extent, and `max_coord` bounds these too.
+    pub fn build_described<'a>(
+        boxes: impl ExactSizeIterator<Item = (u32, Bounds)>,
+        max_coord: f32,
+        mut look_of: impl FnMut(u32) -> Option<MemberLook<'a>>,
+    ) -> Result<Self> {
+        Self::of(build::build(boxes, Some(&mut look_of))?, max_coord)
+    }
+
+    fn of((built, appearance): (Vec<Vec<u32>>, Option<Appearance>), max_coord: f32) -> Result<Self> {
         let count = built.len() as u32;
         let slots = (0..).zip(built).map(|(id, words)| (BlockId(id), Slot::new(&words)));
         let blocks = Snapshot::empty(count).with(slots);
-        Ok(Self { blocks, root: count - 1, max_coord, changed: BTreeSet::new() })
+        Ok(Self { blocks, root: count - 1, max_coord, changed: BTreeSet::new(), appearance })
     }
 
     /// The tree, for walks.
     #[inline]
     pub fn tree(&self, isa: Isa) -> Tree<'_> {
         Tree::new(Blocks::Bvh(TreeView::over_members(&self.blocks, self.root, self.max_coord, isa)), None)
+    }
+
+    /// What the members look like together, for a tree over several such groups. `None` if not all are described, or
+    /// some have moved.
+    pub fn appearance(&self) -> Option<&Appearance> {
+        self.appearance.as_ref()
     }
 
     /// The number of the root.
@@ -79,7 +111,7 @@ impl Members {
     pub(super) fn with_blocks(&self, blocks: Vec<(BlockId, Slot)>) -> Self {
         let mut changed = self.changed.clone();
         changed.extend(blocks.iter().map(|it| it.0.0));
-        Self { blocks: self.blocks.with(blocks), changed, ..*self }
+        Self { blocks: self.blocks.with(blocks), changed, appearance: None, ..*self }
     }
 
     /// Bytes of memory of blocks that differ from those of the build.
@@ -134,6 +166,7 @@ impl<'a> TreeView<'a> {
             ties_by_place: false,
             stamp: 0,
             shown: None,
+            has_members: true,
             proxies: None,
             stop: &NEVER,
         }

@@ -1,5 +1,6 @@
 //! `bvh`: a wide bounding volume hierarchy with quantised boxes, divided into blocks.
 
+pub(in crate::structure) mod appearance;
 pub mod build;
 pub mod codec;
 mod codec_leaves;

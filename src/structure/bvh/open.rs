@@ -81,6 +81,7 @@ impl Start {
             ties_by_place,
             stamp,
             shown,
+            has_members: false,
             proxies,
             stop,
         }

@@ -1,7 +1,9 @@
 //! Moves members of a tree over members: the boxes above each one are fitted anew, in copies of the blocks that change.
+//! Cells above them, and cells with new boxes, stop standing in until the tree is built anew: what they would show is
+//! not there any more.
 
 use super::build::quantise::set_box;
-use super::layout::{Block, HEADER_WORDS, MAX_NODES, NODE_WORDS, Node};
+use super::layout::{Block, Child as Reference, HEADER_WORDS, MAX_NODES, NODE_WORDS, Node, WIDTH};
 use super::members::{Child, Members, child_of};
 use crate::base::ids::BlockId;
 use crate::math::{Bounds, bits};
@@ -29,7 +31,8 @@ struct At {
 }
 
 impl Members {
-    /// The tree after some moves; `None` if a member is not where its move says. Blocks without changes are shared.
+    /// The tree after some moves, also of members that stay where they are but look different; `None` if a member is
+    /// not where its move says. Blocks without changes are shared.
     pub fn moved(&self, moves: &[Move]) -> Option<Self> {
         let mut refit = Refit { tree: self, changed: BTreeMap::new() };
         for it in moves {
@@ -82,20 +85,35 @@ impl Refit<'_> {
         None
     }
 
-    /// Gives the slot at the end of a path a box, and the slots above it boxes around their nodes'.
-    fn fit(&mut self, path: &[At], mut to: Bounds) {
+    /// Gives the slot at the end of a path a box, and the slots above it boxes around their nodes'. The cells above it
+    /// do not stand in any more.
+    fn fit(&mut self, path: &[At], to: Bounds) {
+        let mut to = Some(to);
         for at in path.iter().rev() {
             let before = *Block::new(self.words(at.block)).node(at.node);
             let mut node = before;
-            set_box(&mut node, at.slot, to);
-            if (node.planes, node.origin, node.exponent) == (before.planes, before.origin, before.exponent) {
+            if let Some(to) = to {
+                set_box(&mut node, at.slot, to);
+            }
+            let is_member = Reference::is_end(node.child[at.slot].into());
+            // If a cell does not stand in, neither do those above it.
+            let is_known = !is_member && before.never_stands_in(at.slot);
+            node.keep_from_standing_in(at.slot);
+            if (node.origin, node.exponent) != (before.origin, before.exponent) {
+                // Slabs are counted in steps of the boxes, which are all new.
+                (0..WIDTH).for_each(|slot| node.keep_from_standing_in(slot));
+            }
+            let is_moved = (node.planes, node.origin, node.exponent) != (before.planes, before.origin, before.exponent);
+            if !is_moved && is_known {
                 return;
             }
             let tree = self.tree;
-            let words = self.changed.entry(at.block).or_insert_with(|| tree.block(at.block).to_vec());
-            let first = HEADER_WORDS + at.node * NODE_WORDS;
-            words[first..first + NODE_WORDS].copy_from_slice(must_cast_ref::<Node, [u32; NODE_WORDS]>(&node));
-            to = node.children_box();
+            if is_moved || !before.never_stands_in(at.slot) {
+                let words = self.changed.entry(at.block).or_insert_with(|| tree.block(at.block).to_vec());
+                let first = HEADER_WORDS + at.node * NODE_WORDS;
+                words[first..first + NODE_WORDS].copy_from_slice(must_cast_ref::<Node, [u32; NODE_WORDS]>(&node));
+            }
+            to = is_moved.then(|| node.children_box());
         }
     }
 }

@@ -81,6 +81,12 @@ impl<'a> StoredVoxel<'a> {
         stopped(self.word(0))
     }
 
+    /// Share of the rays into its region that the voxel stops.
+    pub fn share_stopped(&self) -> f32 {
+        let stopped = self.stopped();
+        if stopped == 0 { 1.0 } else { stopped as f32 / 4096.0 }
+    }
+
     /// The bits of all parts in the voxel, see [`summary_bit`].
     pub fn summary(&self) -> u32 {
         match self.curtains_at() {

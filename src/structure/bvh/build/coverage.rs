@@ -22,7 +22,7 @@ use super::refs::Ref;
 use super::tree::{InnerNode, Piece, Place, Sub};
 use crate::base::error::Result;
 use crate::base::progress::Stretch;
-use crate::lod::{OrientedSlabs, loosened, stop_bits};
+use crate::lod::{OrientedSlabs, loosened, stop_bits, stop_code};
 use crate::math::Bounds;
 use crate::simd::{Isa, Op, Simd, dispatch};
 use crate::structure::bake::TreeInput;
@@ -432,9 +432,8 @@ impl Asked {
 
     /// Returns the stop code, see [`stop_bits`].
     fn code(&self, beside: f32) -> u8 {
-        let stops = self.stops(beside);
-        // Code 0 stops all, in place of the greatest code, and for results that are too small for single precision.
-        if stops.is_finite() { (stops.max(0.0).sqrt() * 63.0).round().max(1.0) as u8 % 63 } else { 0 }
+        // Results that are too small for single precision are not finite.
+        stop_code(self.stops(beside))
     }
 }
 

@@ -417,6 +417,12 @@ impl Lines {
         (Vec3::new(dir[0][i], dir[1][i], dir[2][i]), self.weight[group][i])
     }
 
+    /// Returns a point on line `i`.
+    pub fn origin(&self, i: usize) -> Vec3 {
+        let (org, i) = (&self.org[i / GROUP], i % GROUP);
+        Vec3::new(org[0][i], org[1][i], org[2][i])
+    }
+
     /// Returns line `i` as a single line, its interval lengthened by `near` at both ends.
     pub fn one(&self, i: usize, near: f32) -> Line<'_> {
         let (group, i) = (i / GROUP, i % GROUP);

@@ -18,6 +18,7 @@ mod encode;
 mod join;
 mod leaf;
 mod lines;
+mod member_cells;
 pub mod members;
 mod partition;
 mod proxies;
@@ -29,6 +30,7 @@ mod sah;
 mod seen;
 mod small;
 mod spatial;
+pub(in crate::structure::bvh) mod stops;
 mod sweep;
 mod tree;
 

@@ -28,6 +28,7 @@ mod tables;
 
 pub use bundle::Bundle;
 pub(in crate::structure) use slab_heuristic::SlabHeuristic;
+pub(super) use stand_in::cell_hit;
 pub(in crate::structure) use stream::{Stack, StreamLanes};
 
 use super::codec_leaves::leaves_in_order;
@@ -82,6 +83,8 @@ pub struct TreeView<'a> {
     pub stamp: u32,
     /// Blocks that walks pass by, because all parts in and below them are hidden. Walks find [`NOTHING`] there.
     pub shown: Option<&'a ShownBlocks>,
+    /// True for a tree over members: streams leave all its rays unfinished.
+    pub has_members: bool,
     /// The model's proxies, which give stand-ins their look; `None` if it has none.
     pub proxies: Option<&'a Proxies>,
     /// Once it is set, every block counts as missing.

@@ -175,7 +175,12 @@ pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
                     block = Block::new(words);
                 }
                 Child::Member(at) => {
-                    walk.at_member = entry.rays;
+                    // Cells of the same node may stand in before it.
+                    let rays = entry.rays & walk.waiting & reaching(s, entry.t, &walk.hits.t);
+                    if rays == 0 {
+                        break;
+                    }
+                    walk.at_member = rays;
                     return Outcome::Member(block.member(at));
                 }
             }

@@ -126,7 +126,7 @@ pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
             };
             (block_id, block) = (entry.block, Block::new(words));
         }
-        let mut child = entry.child;
+        let (mut child, mut enter) = (entry.child, entry.t);
         loop {
             match Child::from_bits(child) {
                 Child::Node(index) => {
@@ -152,7 +152,7 @@ pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
                         };
                         (block_id, block) = (nearest.block, Block::new(words));
                     }
-                    child = nearest.child;
+                    (child, enter) = (nearest.child, nearest.t);
                 }
                 Child::Leaf(at) => {
                     counters.leaves += 1;
@@ -196,6 +196,8 @@ pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
                     };
                     (block_id, block, child) = (next, Block::new(words), below);
                 }
+                // A cell of the same node may stand in before it.
+                Child::Member(_) if enter > best.t => break,
                 Child::Member(at) => return Outcome::Member(block.member(at)),
             }
         }

@@ -27,6 +27,11 @@ pub(super) fn lod_code(node: usize, slot: usize) -> u32 {
     StandIn { item: (node << 3 | slot) as u32, is_missing: false, is_inside: false }.code()
 }
 
+/// Returns the hit of a cell, in `slot` of a node, of which only the content is of interest.
+pub fn cell_hit(block: u32, node: usize, slot: usize) -> TriHit {
+    TriHit { block, tri: lod_code(node, slot), ..TriHit::none(0.0) }
+}
+
 /// Returns [`TriHit::tri`] for the cell in `slot` of a node if the block below is not in memory. `is_inside`: the ray
 /// begins in the cell.
 #[inline(always)]
@@ -121,7 +126,8 @@ pub(super) fn leaves(node: &Node) -> u32 {
 pub(super) enum Verdict {
     /// The cell may stand in.
     Stand,
-    /// The part that covers most of the cell is hidden, and others are visible: the walk descends.
+    /// The part that covers most of the cell is hidden, and others are visible, or the cell never stands in: the walk
+    /// descends.
     Descend,
     /// All parts in the cell are hidden: the walk skips it.
     Skip,
@@ -130,6 +136,9 @@ pub(super) enum Verdict {
 /// Decides if the parts in the cell in `slot` of a node allow it to stand in.
 #[inline(always)]
 pub(super) fn judge(view: &TreeView, here: Here, slot: usize, filter: Option<&PartFilter>) -> Verdict {
+    if here.node().never_stands_in(slot) {
+        return Verdict::Descend;
+    }
     match filter {
         None => Verdict::Stand,
         Some(filter) => judge_parts(view, here, slot, filter),

@@ -67,12 +67,23 @@ fn is_exact(view: &TreeView, stream: &Stream, count: usize) -> bool {
     !view.accept_missing && stream.groups(count).iter().all(Rays16::is_exact)
 }
 
+/// Leaves all rays unfinished: a walk that comes to members ends and goes on, which a stream cannot.
+fn leave_all(stream: &mut Stream, hits: &mut [TriHit]) {
+    let count = hits.len().min(STREAM);
+    stream.first_cell.fill(f32::INFINITY);
+    stream.unfinished.clear();
+    stream.unfinished.extend(0..count as u32);
+    (0..count).for_each(|i| hits[i] = TriHit::none(stream.ray(i).t_max));
+}
+
 impl TreeView<'_> {
     /// Finds the closest hits of the first of the rays that `stream` holds: those that [`TreeView::closest`] finds, at
     /// a lower cost per ray. `hits` has an element for each ray, at most [`STREAM`]. Rays in [`Stream::unfinished`]
     /// have no result.
     pub fn closest_each(&self, filter: Option<&PartFilter>, stream: &mut Stream, hits: &mut [TriHit]) {
-        if is_exact(self, stream, hits.len()) {
+        if self.has_members {
+            leave_all(stream, hits);
+        } else if is_exact(self, stream, hits.len()) {
             dispatch(self.isa, Run::<false, false> { view: self, filter, stream, hits });
         } else {
             dispatch(self.isa, Run::<false, true> { view: self, filter, stream, hits });
@@ -82,7 +93,9 @@ impl TreeView<'_> {
     /// Finds out whether each ray hits anything; otherwise like [`TreeView::closest_each`]. It is undefined which hit
     /// is returned.
     pub fn any_each(&self, filter: Option<&PartFilter>, stream: &mut Stream, hits: &mut [TriHit]) {
-        if is_exact(self, stream, hits.len()) {
+        if self.has_members {
+            leave_all(stream, hits);
+        } else if is_exact(self, stream, hits.len()) {
             dispatch(self.isa, Run::<true, false> { view: self, filter, stream, hits });
         } else {
             dispatch(self.isa, Run::<true, true> { view: self, filter, stream, hits });
