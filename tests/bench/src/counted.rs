@@ -103,6 +103,7 @@ impl OneTree {
             stamp: 1,
             shown: None,
             stop: &outcrop::structure::NEVER,
+            has_members: false,
         }
     }
 }
