@@ -233,7 +233,8 @@ impl Group {
         if !says && are_apart(&view.scene.placed(placed), &rays.0[..rays.1], alike) {
             return None;
         }
-        let (tree, filter) = (view.tree(placed), view.filter(placed));
+        let stand = view.scene.stand(placed);
+        let (tree, filter) = (view.tree_at(&stand), view.filter_at(&stand));
         self.only = Some(placed);
         self.begin_in(view, placed, &tree, rays, alike);
         if !self.walk.is_coherent(&tree, says) {

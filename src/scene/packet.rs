@@ -170,7 +170,8 @@ impl SceneView<'_> {
         debug_assert!(self.within.is_none(), "a double-precision interval belongs to a single ray");
         loop {
             if let Some(placed) = walk.at {
-                let (tree, filter) = (self.tree(placed), self.filter(placed));
+                let stand = self.scene.stand(placed);
+                let (tree, filter) = (self.tree_at(&stand), self.filter_at(&stand));
                 let outcome = if ANY {
                     tree.any_together(filter.as_ref(), &mut walk.tree)
                 } else {
@@ -237,14 +238,14 @@ impl SceneView<'_> {
     }
 
     fn enter_packet(&self, rays: &[Ray; PACKET], placed: u64, mask: u32, walk: &mut ScenePacket) {
-        let p = self.scene.placed(placed);
-        let seen_by = self.seen_by(placed);
+        let (p, stand) = (self.scene.placed(placed), self.scene.stand(placed));
+        let seen_by = self.scene.seen_at(&stand);
         let sees = bits(mask).filter(|&i| rays[i].mask & seen_by != 0).fold(0, |all, i| all | 1 << i);
         let isa = self.scene.context().isa();
         walk.inside = walk.take_into(isa, rays, &p, placed, sees, self.widen_interval);
         if walk.inside != 0 {
             walk.tree.set_rows(&walk.local);
-            walk.tree.start(&self.tree(placed), walk.inside);
+            walk.tree.start(&self.tree_at(&stand), walk.inside);
             walk.at = Some(placed);
         }
     }

@@ -154,7 +154,7 @@ impl PlacedArray {
     }
 
     #[inline]
-    fn ids_of(&self, number: u32) -> PlacedIds {
+    pub fn ids_of(&self, number: u32) -> PlacedIds {
         let Of { member, nth } = self.of(number);
         let prototype = self.prototype(member);
         let (tree, first_part, _) = prototype.places[nth as usize];
@@ -213,7 +213,7 @@ pub(crate) struct PlacedIds {
 impl Placement {
     /// The array or scene that holds a placed tree which is not of a single instance.
     #[inline]
-    fn holder_of(&self, number: u64) -> Holder<'_> {
+    pub(super) fn holder_of(&self, number: u64) -> Holder<'_> {
         if number >= u64::from(self.own) {
             return Holder::Scene(self.scene_with(number));
         }

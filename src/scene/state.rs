@@ -130,6 +130,41 @@ impl States {
         self.singles.iter().chain(of_arrays)
     }
 
+    /// The ids of a placed tree, and the state of its instance.
+    fn with_ids(&self, placement: &Placement, number: u64) -> (PlacedIds, &InstanceState) {
+        if let Some(placed) = placement.single(number) {
+            return (**placed, &self.singles[placed.instance as usize]);
+        }
+        let (ids, state) = match placement.holder_of(number) {
+            Holder::Array(array) => {
+                let ids = array.ids_of(number as u32);
+                let states = &self.arrays[placement.array_with(ids.instance)];
+                let member = (ids.instance - u64::from(array.first_instance)) as u32;
+                (ids, states.own.get(&member).unwrap_or(&states.common))
+            }
+            Holder::Scene(it) => {
+                let (inner, state) = self.in_scene(placement, &it).with_ids(&it.scene.placement, number - it.first);
+                (it.outer(inner), state)
+            }
+        };
+        match self.occurrences.is_empty() {
+            true => (ids, state),
+            false => (ids, self.occurrences.get(&ids.instance).unwrap_or(state)),
+        }
+    }
+
+    /// The states of what is in a scene in this one.
+    fn in_scene(&self, placement: &Placement, it: &Inner) -> &Self {
+        match it.key {
+            InnerKey::Single(at) => &self.scenes[at],
+            InnerKey::Member(at, member) => {
+                let states = &self.scene_arrays[at];
+                let prototype = placement.scene_arrays[at].array.prototype_of(member);
+                states.own.get(&member).unwrap_or(&states.common[prototype as usize])
+            }
+        }
+    }
+
     /// The state of an instance that is not a single one.
     #[inline(never)]
     fn of(&self, placement: &Placement, instance: u64) -> &InstanceState {
@@ -144,19 +179,17 @@ impl States {
                 let states = &self.arrays[placement.array_with(instance)];
                 states.own.get(&(member as u32)).unwrap_or(&states.common)
             }
-            (Holder::Scene(it), inner) => {
-                let states = match it.key {
-                    InnerKey::Single(at) => &self.scenes[at],
-                    InnerKey::Member(at, member) => {
-                        let states = &self.scene_arrays[at];
-                        let prototype = placement.scene_arrays[at].array.prototype_of(member);
-                        states.own.get(&member).unwrap_or(&states.common[prototype as usize])
-                    }
-                };
-                states.of(&it.scene.placement, inner)
-            }
+            (Holder::Scene(it), inner) => self.in_scene(placement, &it).of(&it.scene.placement, inner),
         }
     }
+}
+
+/// What walks need to know of a placed tree, found together: in scenes in scenes each search goes down all levels.
+#[derive(Clone, Copy)]
+pub(crate) struct Stand<'a> {
+    pub number: u64,
+    pub ids: PlacedIds,
+    pub state: &'a InstanceState,
 }
 
 /// Boxes may reach beyond bounds by this fraction of their extent.
@@ -331,23 +364,40 @@ impl SceneState {
         *self.placement.top.around()
     }
 
+    /// See [`Stand`].
+    #[inline]
+    pub(crate) fn stand(&self, number: u64) -> Stand<'_> {
+        let (ids, state) = self.states.with_ids(&self.placement, number);
+        Stand { number, ids, state }
+    }
+
     /// The blocks of a placed tree that walks pass by, if parts are hidden there.
     #[inline]
     pub(crate) fn shown_blocks(&self, placed: u64) -> Option<&ShownBlocks> {
+        if self.hides_parts { self.shown_at(&self.stand(placed)) } else { None }
+    }
+
+    /// [`SceneState::shown_blocks`] of a stand.
+    #[inline]
+    pub(super) fn shown_at<'a>(&'a self, stand: &Stand<'a>) -> Option<&'a ShownBlocks> {
         if !self.hides_parts {
             return None;
         }
-        let instance = self.ids_of(placed).instance;
-        self.state_of(instance).parts.trees.get(self.placement.index_in_instance(placed) as usize)
+        stand.state.parts.trees.get(self.placement.index_in_instance(stand.number) as usize)
     }
 
     /// The mask of the rays that see the placed tree.
     #[inline]
     pub(super) fn seen_by(&self, placed: u64) -> u32 {
-        let instance = self.state_of(self.ids_of(placed).instance);
+        self.seen_at(&self.stand(placed))
+    }
+
+    /// [`SceneState::seen_by`] of a stand.
+    #[inline]
+    pub(super) fn seen_at(&self, stand: &Stand) -> u32 {
         // A tree of hidden parts alone is not entered.
-        let is_hidden = self.shown_blocks(placed).is_some_and(|shown| shown.lacks(shown.first_block));
-        if instance.look.visible && !is_hidden { instance.mask } else { 0 }
+        let is_hidden = self.shown_at(stand).is_some_and(|shown| shown.lacks(shown.first_block));
+        if stand.state.look.visible && !is_hidden { stand.state.mask } else { 0 }
     }
 
     /// Bytes of its models' blocks in memory.

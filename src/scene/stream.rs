@@ -9,6 +9,7 @@ use super::frame::Target;
 use super::group::Entered;
 use super::placed::At;
 use super::ray_rows::RayRows;
+use super::state::Stand;
 use super::top_walk::TopWalk;
 use super::walk::{FirstCell, Found, SceneView, SceneWalk, Step};
 use crate::math::{PACKET, Ray, STREAM, bits, first_rays};
@@ -52,6 +53,13 @@ enum TreeKey {
     /// The model, and the tree there.
     Stored(u32, u32),
     Placed(u64),
+}
+
+impl TreeKey {
+    fn of(stand: &Stand) -> Self {
+        let is_as_in_file = stand.state.parts.looks.is_empty();
+        if is_as_in_file { Self::Stored(stand.ids.model, stand.ids.tree) } else { Self::Placed(stand.number) }
+    }
 }
 
 /// A ray that enters a placed tree.
@@ -295,7 +303,9 @@ impl SceneView<'_> {
     /// The entry of a ray into a placed tree; `None` if the tree is not visible to the ray.
     #[inline]
     fn entering(&self, ray: &Ray, i: usize, placed: u64) -> Option<Entering> {
-        (self.seen_by(placed) & ray.mask != 0).then(|| Entering { tree: self.tree_key(placed), ray: i as u32, placed })
+        let stand = self.scene.stand(placed);
+        let is_seen = self.scene.seen_at(&stand) & ray.mask != 0;
+        is_seen.then(|| Entering { tree: TreeKey::of(&stand), ray: i as u32, placed })
     }
 
     fn one_by_one<const ANY: bool>(&self, rays: &[Ray], walk: &mut SceneStream, found: &mut [Found]) {
@@ -325,13 +335,6 @@ impl SceneView<'_> {
         }
     }
 
-    /// See [`TreeKey`].
-    fn tree_key(&self, placed: u64) -> TreeKey {
-        let p = self.scene.ids_of(placed);
-        let is_as_in_file = self.scene.state_of(p.instance).parts.looks.is_empty();
-        if is_as_in_file { TreeKey::Stored(p.model, p.tree) } else { TreeKey::Placed(placed) }
-    }
-
     /// Takes a ray by itself through the tree that it enters, and through all further trees that it enters.
     fn alone<const ANY: bool>(
         &self,
@@ -348,7 +351,8 @@ impl SceneView<'_> {
             if let Some((shift, scale)) =
                 self.scene.placed(placed).local(ray, best.reach(ray), self.widen_interval, &mut local)
             {
-                let (tree, filter, single) = (self.tree(placed), self.filter(placed), &mut walk.single);
+                let stand = self.scene.stand(placed);
+                let (tree, filter, single) = (self.tree_at(&stand), self.filter_at(&stand), &mut walk.single);
                 single.begin(&tree, &local);
                 let outcome =
                     if ANY { tree.any(filter.as_ref(), single) } else { tree.closest(filter.as_ref(), single) };
@@ -417,7 +421,8 @@ impl SceneView<'_> {
             return run.iter().for_each(|&it| self.alone::<ANY>(rays, it, walk, found));
         }
         let SceneStream { tree: stream, hits, at, unfinished, goes_on, rows, local, .. } = walk;
-        let (tree, filter) = (self.tree(run[0].placed), self.filter(run[0].placed));
+        let stand = self.scene.stand(run[0].placed);
+        let (tree, filter) = (self.tree_at(&stand), self.filter_at(&stand));
         for (i, part) in run.chunks(PACKET).enumerate() {
             self.put(rays, part, (i * PACKET, found), (rows, local), (stream, at));
         }

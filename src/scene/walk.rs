@@ -7,7 +7,8 @@
 use super::frame::Target;
 use super::model::Model;
 use super::placed::At;
-use super::state::SceneState;
+use super::placement::PlacedIds;
+use super::state::{SceneState, Stand};
 use super::top_walk::TopWalk;
 use crate::base::error::Result;
 use crate::base::ids::BlockId;
@@ -302,16 +303,26 @@ impl<'a> SceneView<'a> {
     /// A placed tree with its blocks in memory.
     #[inline]
     pub fn tree(&self, placed: u64) -> Tree<'a> {
-        self.tree_showing(placed, self.scene.shown_blocks(placed))
+        self.tree_at(&self.scene.stand(placed))
+    }
+
+    /// [`SceneView::tree`] of a stand.
+    #[inline]
+    pub(super) fn tree_at(&self, stand: &Stand<'a>) -> Tree<'a> {
+        self.tree_of(stand.ids, self.scene.shown_at(stand))
     }
 
     /// A placed tree of which walks pass by the blocks that `shown` has no parts of.
     #[inline]
     pub fn tree_showing(&self, placed: u64, shown: Option<&'a ShownBlocks>) -> Tree<'a> {
-        let p = self.scene.ids_of(placed);
+        self.tree_of(self.scene.ids_of(placed), shown)
+    }
+
+    #[inline]
+    fn tree_of(&self, p: PlacedIds, shown: Option<&'a ShownBlocks>) -> Tree<'a> {
         let Self { accept_missing, ties_by_place, stamp, stop, .. } = *self;
         let visit = Visit { accept_missing, ties_by_place, stamp, shown, proxies: None, stop };
-        self.model_of(placed).tree_in(p.tree, &self.snapshots.0[p.model as usize], visit)
+        self.scene.models[p.model as usize].tree_in(p.tree, &self.snapshots.0[p.model as usize], visit)
     }
 
     /// The model of a placed tree.
@@ -322,8 +333,13 @@ impl<'a> SceneView<'a> {
 
     #[inline]
     pub(crate) fn filter(&self, placed: u64) -> Option<PartFilter<'a>> {
-        let p = self.scene.ids_of(placed);
-        let parts = &self.scene.state_of(p.instance).parts;
+        self.filter_at(&self.scene.stand(placed))
+    }
+
+    /// [`SceneView::filter`] of a stand.
+    #[inline]
+    pub(super) fn filter_at(&self, stand: &Stand<'a>) -> Option<PartFilter<'a>> {
+        let (p, parts) = (stand.ids, &stand.state.parts);
         let filter = || PartFilter {
             hidden: &parts.looks.hidden,
             first_part: p.first_part,
@@ -407,7 +423,8 @@ impl<'a> SceneView<'a> {
     /// Continues a walk in a placed tree.
     #[inline]
     fn trace_in<const ANY: bool>(&self, at: At, walk: &mut Walk) -> Outcome {
-        let (tree, mut filter) = (self.tree(at.placed), self.filter(at.placed));
+        let stand = self.scene.stand(at.placed);
+        let (tree, mut filter) = (self.tree_at(&stand), self.filter_at(&stand));
         let within = self.within.map(|ends| EndsIn { ends, at });
         if let Some(within) = &within {
             filter = Some(PartFilter { within: Some(within), ..filter.unwrap_or_default() });
@@ -418,13 +435,14 @@ impl<'a> SceneView<'a> {
     /// Puts a ray into a placed tree; `None` if it certainly hits nothing there before `best`.
     #[inline]
     fn enter(&self, ray: &Ray, placed: u64, best: f64, walk: &mut Walk) -> Option<At> {
-        if self.seen_by(placed) & ray.mask == 0 {
+        let stand = self.scene.stand(placed);
+        if self.scene.seen_at(&stand) & ray.mask == 0 {
             return None;
         }
         let mut local = LocalRay::NONE;
         let p = self.scene.placed(placed);
         let (shift, scale) = p.local(ray, best, self.widen_interval, &mut local)?;
-        walk.begin(&self.tree(placed), &local);
+        walk.begin(&self.tree_at(&stand), &local);
         Some(At { placed, shift, scale })
     }
 }
