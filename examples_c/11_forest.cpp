@@ -1,8 +1,9 @@
-// Plants a forest: three kinds of trees, built from memory, placed as one array of instances. Prints the memory of an
-// instance and the times, clicks on a tree, highlights it, hides its neighbours, and writes a picture. Fails if a tree
-// is not met where it was planted.
+// Plants a forest: three kinds of trees, built from memory, placed on a tile as one array of instances. The forest is an
+// array of tiles, SIDE in each direction: a scene in a scene takes memory once, however often it stands there. Prints
+// the memory of an instance and the times, clicks on a tree, highlights it in this tile alone, hides its neighbours, and
+// writes a picture. Fails if a tree is not met where it was planted.
 //
-//     11_forest TREES NAME PICTURE.png          (writes NAME_0.oc to NAME_2.oc and NAME_ground.oc)
+//     11_forest TREES SIDE NAME PICTURE.png          (writes NAME_0.oc to NAME_2.oc and NAME_ground.oc)
 #include <outcrop.hpp>
 
 #include "png.h"
@@ -21,7 +22,7 @@ namespace {
 using Vec = std::array<double, 3>;
 
 const std::uint32_t WIDTH = 640, HEIGHT = 360;
-const std::uint64_t GROUND = 1, FIRST = 1000;
+const std::uint64_t GROUND = 1, FIRST = 1000, TILE = 1;
 const double APART = 2.5; // metres between trees
 
 // A seeded sequence of numbers from 0 to below 1 (Steele, Lea, Flood: "Fast splittable pseudorandom number
@@ -37,7 +38,11 @@ struct Random {
     double between(double low, double high) { return low + (high - low) * next(); }
 };
 
-double height(double x, double y) { return 6 * std::sin(x * 0.011) * std::cos(y * 0.013) + 1.5 * std::sin(x * 0.05); }
+// The height of the ground of a tile of half the size `half`. It is the same at opposite borders, so tiles join.
+double height(double x, double y, double half) {
+    const double turn = 3.141592653589793 / half;
+    return 0.03 * half * std::sin(x * turn) * std::cos(y * turn) + 0.01 * half * std::sin(3 * x * turn);
+}
 
 struct Mesh {
     std::vector<float> positions;
@@ -103,7 +108,7 @@ outcrop::model build_ground(const outcrop::context &context, const std::string &
     const int grid = 64;
     auto at = [&](int i, int j) -> Vec {
         const double x = half * (2.0 * i / grid - 1), y = half * (2.0 * j / grid - 1);
-        return {{x, y, height(x, y) - 0.3}};
+        return {{x, y, height(x, y, half) - 0.3}};
     };
     for (int i = 0; i < grid; i++) {
         for (int j = 0; j < grid; j++) {
@@ -118,7 +123,7 @@ double seconds_since(std::chrono::steady_clock::time_point begin) {
     return std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
 }
 
-void run(std::uint64_t count, const std::string &name, const char *picture) {
+void run(std::uint64_t count, std::uint64_t tiles, const std::string &name, const char *picture) {
     const outcrop::context context(OC_ALL_THREADS);
     std::vector<outcrop::model> kinds;
     std::vector<const oc_model *> prototypes;
@@ -139,39 +144,59 @@ void run(std::uint64_t count, const std::string &name, const char *picture) {
         const double turn = random.between(0, 3.14159);
         oc_place &place = places[i];
         place = oc_place();
-        place.position[0] = x, place.position[1] = y, place.position[2] = height(x, y);
+        place.position[0] = x, place.position[1] = y, place.position[2] = height(x, y, half);
         place.rotation[2] = float(std::sin(turn)), place.rotation[3] = float(std::cos(turn));
         place.scale = float(random.between(0.6, 1.1));
         kind_of[i] = std::uint32_t(random.next() * 3);
     }
 
-    outcrop::scene scene(context);
-    scene.add_instance(build_ground(context, name + "_ground.oc", half + 20), GROUND);
-    scene.commit();
+    outcrop::scene tile(context);
+    tile.add_instance(build_ground(context, name + "_ground.oc", half), GROUND);
+    tile.commit();
     const std::uint64_t before = context.property(OC_PROPERTY_MEMORY_USED);
-    const auto begin = std::chrono::steady_clock::now();
+    auto start = std::chrono::steady_clock::now();
     auto all = outcrop::init<oc_instances>();
     all.form = OC_TRANSFORM_PLACE;
     all.prototypes = prototypes.data(), all.prototype_count = prototypes.size(), all.prototype_of = kind_of.data();
     all.transforms = places.data(), all.count = count, all.first_id = FIRST;
-    scene.add_instances(all);
-    scene.commit();
+    tile.add_instances(all);
+    tile.commit();
     std::printf("%llu trees: %.0f bytes each, planted in %.2f s\n", static_cast<unsigned long long>(count),
-                double(context.property(OC_PROPERTY_MEMORY_USED) - before) / double(count), seconds_since(begin));
+                double(context.property(OC_PROPERTY_MEMORY_USED) - before) / double(count), seconds_since(start));
 
-    // The trunk of a tree is where it was planted.
+    // The forest: the tile in many places.
+    start = std::chrono::steady_clock::now();
+    std::vector<oc_place> corners(tiles * tiles);
+    for (std::uint64_t i = 0; i < corners.size(); i++) {
+        corners[i] = oc_place();
+        corners[i].position[0] = half * (2 * double(i % tiles) + 1 - double(tiles));
+        corners[i].position[1] = half * (2 * double(i / tiles) + 1 - double(tiles));
+        corners[i].rotation[3] = corners[i].scale = 1;
+    }
+    outcrop::scene scene(context);
+    scene.add_instances(tile, corners, TILE);
+    scene.commit();
+    std::printf("%llu trees in %llu tiles: %.1f MB in all, in %.3f s\n",
+                static_cast<unsigned long long>(count * corners.size()), static_cast<unsigned long long>(corners.size()),
+                double(context.property(OC_PROPERTY_MEMORY_USED)) / 1e6, seconds_since(start));
+
+    // The trunk of a tree is where it was planted, and the way there leads through its tile.
     for (std::uint64_t i = 0; i < count; i += count / 7 + 1) {
+        const std::uint64_t at = i * 5 % corners.size();
         auto ray = oc_ray();
-        for (int k = 0; k < 3; k++) ray.origin[k] = places[i].position[k];
+        for (int k = 0; k < 3; k++) ray.origin[k] = corners[at].position[k] + places[i].position[k];
         ray.origin[0] -= 0.5 * double(places[i].scale), ray.origin[2] += 0.1 * double(places[i].scale);
         ray.direction[0] = 1, ray.t_max = 1, ray.mask = UINT32_MAX;
         const oc_hit hit = scene.closest(std::vector<oc_ray>(1, ray))[0];
-        if (hit.instance != FIRST + i || hit.part != 1) throw std::runtime_error("a tree is not where it was planted");
+        if (hit.part != 1 || scene.path(hit) != std::vector<std::uint64_t>{TILE + at, FIRST + i}) {
+            throw std::runtime_error("a tree is not where it was planted");
+        }
     }
 
-    // A click in the middle: the tree is highlighted, those beside it are hidden.
+    // A click in the middle: the tree is highlighted, those beside it are hidden, in this tile alone.
     auto camera = outcrop::init<oc_camera>();
-    camera.eye[0] = -half - 10, camera.eye[1] = -half - 10, camera.eye[2] = 30;
+    const double edge = half * double(tiles);
+    camera.eye[0] = -edge - 10, camera.eye[1] = -edge - 10, camera.eye[2] = 30;
     camera.at[2] = -10, camera.up[2] = 1, camera.fov_y = 35;
     auto desc = outcrop::init<oc_frame_desc>();
     desc.width = WIDTH, desc.height = HEIGHT;
@@ -179,20 +204,25 @@ void run(std::uint64_t count, const std::string &name, const char *picture) {
     outcrop::frame frame(context, desc);
     auto settings = outcrop::init<oc_frame_settings>();
     settings.poe = 3;
-    auto start = std::chrono::steady_clock::now();
+    start = std::chrono::steady_clock::now();
     frame.request(scene, camera, settings);
     frame.wait();
     std::printf("picture of all in %.2f s\n", seconds_since(start));
-    const std::uint64_t clicked = frame.pick(WIDTH / 2, HEIGHT * 3 / 4).instance;
-    if (clicked >= FIRST && clicked < FIRST + count) {
+    const oc_hit clicked = frame.pick(WIDTH / 2, HEIGHT * 3 / 4);
+    const auto way = clicked.kind == OC_HIT_MISS ? std::vector<std::uint64_t>() : scene.path(clicked);
+    if (way.size() == 2 && way[1] >= FIRST) {
         auto look = outcrop::init<oc_look>();
         look.flags = OC_LOOK_SELECTED;
-        scene.set_look(clicked, look);
+        scene.set_occurrence_look(clicked.occurrence, look);
+        // The trees of a tile have consecutive numbers.
         look.flags = OC_LOOK_HIDDEN;
-        for (std::uint64_t id = clicked > FIRST + 3 ? clicked - 3 : FIRST; id < clicked; id++) scene.set_look(id, look);
+        for (std::uint64_t k = 1; k <= 3 && way[1] - k >= FIRST; k++) {
+            scene.set_occurrence_look(clicked.occurrence - k, look);
+        }
         start = std::chrono::steady_clock::now();
         scene.commit();
-        std::printf("tree %llu highlighted in %.4f s\n", static_cast<unsigned long long>(clicked), seconds_since(start));
+        std::printf("tree %llu of tile %llu highlighted in %.4f s\n", static_cast<unsigned long long>(way[1]),
+                    static_cast<unsigned long long>(way[0]), seconds_since(start));
     }
     frame.request(scene, camera, settings);
     frame.wait();
@@ -207,13 +237,13 @@ void run(std::uint64_t count, const std::string &name, const char *picture) {
 } // namespace
 
 int main(int argc, char **argv) {
-    const long long count = argc == 4 ? std::atoll(argv[1]) : 0;
-    if (count < 1) {
-        std::fprintf(stderr, "usage: %s TREES NAME PICTURE.png\n", argv[0]);
+    const long long count = argc == 5 ? std::atoll(argv[1]) : 0, side = argc == 5 ? std::atoll(argv[2]) : 0;
+    if (count < 1 || side < 1 || side > 10000) {
+        std::fprintf(stderr, "usage: %s TREES SIDE NAME PICTURE.png\n", argv[0]);
         return 2;
     }
     try {
-        run(std::uint64_t(count), argv[2], argv[3]);
+        run(std::uint64_t(count), std::uint64_t(side), argv[3], argv[4]);
     } catch (const std::exception &error) {
         std::fprintf(stderr, "%s\n", error.what());
         return 1;
