@@ -1,6 +1,6 @@
 //! The commit of scenes in a scene: where they stand, and the states of what is in them.
 
-use super::draft::{Draft, DraftState};
+use super::draft::{Draft, DraftSceneArray, DraftState};
 use super::frame::bounds_of_scene;
 use super::inner::{Counts, Inner, PlacedScene, PlacedSceneArray, Prototype};
 use super::model::Model;
@@ -47,11 +47,7 @@ impl InnerScenes {
 
     /// What is in them, and in `own`. Fails with `BadArgument` if that is too much.
     pub fn counts(&self, draft: &Draft, own: Counts) -> Result<Counts> {
-        let of = |it: &Arc<SceneState>| {
-            let (placed, instances) = (it.placement.len(), it.placement.instance_count());
-            Counts { placed, instances }
-        };
-        let singles = self.singles.iter().fold(own, |all, it| all.plus(of(it), 1));
+        let singles = self.singles.iter().fold(own, |all, it| all.plus(it.placement.count, 1));
         let arrays = draft.scene_arrays.iter().zip(&self.arrays);
         let all = arrays.fold(singles, |all, (it, scenes)| all.plus(PlacedSceneArray::counts(&it.array, scenes), 1));
         if all.placed.max(all.instances) >= MOST_OCCURRENCES {
@@ -73,7 +69,7 @@ impl InnerScenes {
     pub fn state_bytes(&self, draft: &Draft) -> u64 {
         let of = |it: &SceneState| it.states.bytes(&mut HashSet::new());
         let singles = draft.scenes.values().zip(&self.singles).filter(|(it, _)| !it.state.is_plain());
-        let of_array = |(it, scenes): (&super::draft::DraftSceneArray, &Vec<Arc<SceneState>>)| {
+        let of_array = |(it, scenes): (&DraftSceneArray, &Vec<Arc<SceneState>>)| {
             let common: u64 = if it.common.is_plain() { 0 } else { scenes.iter().map(|it| of(it)).sum() };
             let own = it.own.keys().map(|member| of(&scenes[it.array.prototype_of(*member) as usize]));
             common + own.sum::<u64>()
@@ -126,8 +122,7 @@ impl InnerScenes {
         for (it, scene) in draft.scenes.values().zip(&self.singles) {
             let (id, world_from_scene, of) = (it.id, it.world_from_scene, prototype(scene));
             singles.push(PlacedScene { id, first, of, world_from_scene });
-            first =
-                first.plus(Counts { placed: scene.placement.len(), instances: scene.placement.instance_count() }, 1);
+            first = first.plus(scene.placement.count, 1);
         }
         let mut arrays = room(self.arrays.len(), what)?;
         let mut first_member = placement.own + singles.len() as u32;

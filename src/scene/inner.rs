@@ -79,7 +79,7 @@ pub(super) struct Prototype {
 
 impl Prototype {
     fn counts(&self) -> Counts {
-        Counts { placed: self.scene.placement.len(), instances: self.scene.placement.instance_count() }
+        self.scene.placement.count
     }
 }
 
@@ -163,15 +163,11 @@ impl PlacedSceneArray {
 
     /// What is in all members.
     pub fn counts(array: &Array, scenes: &[Arc<SceneState>]) -> Counts {
-        let of = |it: &Arc<SceneState>| {
-            let (placed, instances) = (it.placement.len(), it.placement.instance_count());
-            Counts { placed, instances }
-        };
+        let none = Counts::default();
         if are_alike(scenes.iter().map(|it| &**it)) {
-            return scenes.first().map_or(Counts::default(), |it| Counts::default().plus(of(it), array.len().into()));
+            return scenes.first().map_or(none, |it| none.plus(it.placement.count, array.len().into()));
         }
-        let each: Vec<Counts> = scenes.iter().map(of).collect();
-        array.prototypes().fold(Counts::default(), |all, at| all.plus(each[at], 1))
+        array.prototypes().fold(none, |all, at| all.plus(scenes[at].placement.count, 1))
     }
 
     /// Number of its members.
@@ -214,7 +210,6 @@ impl PlacedSceneArray {
 
 /// True if all scenes have equally many placed trees and instances.
 fn are_alike<'a>(mut scenes: impl Iterator<Item = &'a SceneState>) -> bool {
-    let of = |it: &SceneState| (it.placement.len(), it.placement.instance_count());
-    let Some(first) = scenes.next().map(of) else { return true };
-    scenes.all(|it| of(it) == first)
+    let Some(first) = scenes.next() else { return true };
+    scenes.all(|it| it.placement.count == first.placement.count)
 }
