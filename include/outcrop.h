@@ -802,7 +802,7 @@ typedef struct oc_background {
     float top[4];
 } oc_background;
 
-/** Form of the transforms of an array, from model to world space. */
+/** Form of the transforms of an array, from the space of a model or a scene to world space. */
 typedef uint32_t oc_transform_form;
 
 /**
@@ -1570,11 +1570,11 @@ typedef struct oc_pixels {
 
 /** A position with a rotation and a scale. Element of an array. */
 typedef struct oc_place {
-    /** Place of the model's origin in world space. Finite. */
+    /** Place of the origin of the model or scene in world space. Finite. */
     double position[3];
     /** Quaternion x, y, z, w of the rotation, applied after the scale. Finite and not zero; need not be unit. */
     float rotation[4];
-    /** Scale along all axes. Finite and not 0. Below 0 it mirrors at the model's origin. */
+    /** Scale along all axes. Finite and not 0. Below 0 it mirrors at this origin. */
     float scale;
     /** Must be 0. */
     uint32_t reserved;
@@ -2853,8 +2853,9 @@ void oc_scene_release(struct oc_scene *scene);
  * Adds many instances of a few models or scenes at once. Takes effect at oc_scene_commit.
  *
  * The arrays are copied: 96 bytes for an affine transform in doubles, 48 for the other forms, 4 for an index of a
- * prototype. A commit adds some 45 bytes for each mesh that is placed, for the tree over all of them, 16 more if a
- * transform stretches, and 250 while it runs. The members of the array are instances like those of
+ * prototype. A commit adds some 45 bytes for each mesh that is placed, or for each member that is a scene, for
+ * the tree over all of them, 16 more if a transform stretches or scenes differ in the number of meshes in them, and 250
+ * while it runs. The members of the array are instances like those of
  * oc_scene_add_instance, but none can be removed alone or given another model, and one with an oc_place takes another
  * place (oc_scene_set_transforms), but no matrix. A mask or a look that is set for one of them takes memory for that
  * one.

@@ -9,9 +9,13 @@ use outcrop::base::error::Error;
 use outcrop::base::progress::Cancel;
 use outcrop::math::{DBounds, Ray};
 use outcrop::query::{Hit, HitKind, NearestOptions, NearestPoint};
+use outcrop::render::{Frame, FrameOptions, FrameSettings, FrameState};
 use outcrop::scene::camera::Camera;
-use outcrop::scene::{Context, Fit, Instances, Lens, Model, Place, Prototypes, Scene, Scope, Transforms};
+use outcrop::scene::{
+    Context, ContextOptions, Fit, Instances, Lens, Look, Model, Place, Prototypes, Scene, Scope, Transforms,
+};
 use std::sync::Arc;
+use std::time::Duration;
 
 /// 64 levels work; more are refused by the commit, and none are too many to drop.
 #[test]
@@ -181,4 +185,156 @@ fn occurrences_beyond_32_bits_are_met_in_their_places() {
         Camera::Orthographic { height, .. } => assert!((height - 2.0 * half).abs() < 4e-3, "{height}"),
         other => panic!("{other:?}"),
     }
+}
+
+/// Many levels of flat squares side by side: what is at the bounds is looked at only where it matters.
+#[test]
+fn flat_scenes_have_bounds_at_once() {
+    const LEVELS: u32 = 14;
+    let context = built::context(0);
+    let file = built::parts(&[Part::white(5, scenes::cuboid(DVec3::ZERO, DVec3::new(1.0, 1.0, 0.0)))]);
+    let model = Model::open(&context, &file.path).expect("a model");
+    let mut inner: Option<Scene> = None;
+    for level in 0..LEVELS {
+        let (scene, side) = (Scene::new(&context), f64::from(1 << level));
+        let corners = [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::ONE - DVec3::Z];
+        for (id, corner) in (0..).zip(corners) {
+            let map = DAffine3::from_translation(corner * side);
+            match &inner {
+                None => scene.add_instance(&model, id, map).expect("an instance"),
+                Some(inner) => scene.add_scene(inner, id, map).expect("a scene"),
+            }
+        }
+        scene.commit().expect("a commit");
+        inner = Some(scene);
+    }
+    let (bounds, side) = (inner.expect("a scene").state().bounds(), f64::from(1 << LEVELS));
+    let off = (bounds.min.abs()).max((bounds.max - DVec3::new(side, side, 0.0)).abs());
+    assert!(off.max_element() < side * 1e-3, "{bounds:?}");
+}
+
+/// Searches do not go down to what is in a hidden scene.
+#[test]
+fn hidden_scenes_are_passed_by() {
+    let context = built::context(1);
+    let file = built::parts(&[Part::white(5, scenes::cuboid(DVec3::splat(-0.2), DVec3::splat(0.2)))]);
+    let model = Model::open(&context, &file.path).expect("a model");
+    let dust = dust(&context, &model, 14);
+    let scene = Scene::new(&context);
+    scene.add_scene(&dust, 1, DAffine3::IDENTITY).expect("a scene");
+    let prototypes = Prototypes::Scenes(vec![dust.clone()]);
+    let (prototype_of, transforms) = (Arc::from([]), Transforms::Affine([DAffine3::IDENTITY; 2].into()));
+    let all = Instances { prototypes, prototype_of, transforms, first_id: 2, mask: u32::MAX };
+    scene.add_instances(&all).expect("an array");
+    scene.add_instance(&model, 9, DAffine3::from_translation(DVec3::X * 0.5)).expect("an instance");
+    let hidden = Look { visible: false, ..Look::default() };
+    (1..3).for_each(|id| scene.set_instance_look(id, hidden).expect("a look"));
+    // The last is visible to other rays alone.
+    scene.set_instance_mask(3, 2).expect("a mask");
+    scene.commit().expect("a commit");
+    let state = scene.state();
+    let rays: Vec<Ray> = (0..64)
+        .map(|i| {
+            let at = DVec3::new(-0.6 + f64::from(i) * 0.02, -2.0, 0.05);
+            Ray { mask: 1, ..Ray::new(at, glam::Vec3::Y) }
+        })
+        .collect();
+    for coherent in [false, true] {
+        for (ray, hit) in rays.iter().zip(closest(&state, &rays, coherent)) {
+            let is_met = (ray.origin.x - 0.5).abs() < 0.2;
+            assert_eq!((hit.kind != HitKind::Miss, hit.instance == 9), (is_met, is_met), "{ray:?}");
+        }
+    }
+    scene.set_instance_look(3, hidden).expect("a look");
+    scene.commit().expect("a commit");
+    let state = scene.state();
+    let mut nearest = [NearestPoint::MISS];
+    state.nearest(&[DVec3::ZERO], &NearestOptions::default(), &mut nearest).expect("a point");
+    assert!((nearest[0].distance - 0.3).abs() < 1e-6, "{nearest:?}");
+    let fit = Fit { direction: DVec3::Y, up: DVec3::Z, lens: Lens::Orthographic, size: (10, 10), margin: 0.0 };
+    match state.fit(&fit, &[], Scope::Own).expect("a camera") {
+        Camera::Orthographic { height, .. } => assert!((height - 0.4).abs() < 1e-3, "{height}"),
+        other => panic!("{other:?}"),
+    }
+    let all = DBounds { min: DVec3::splat(-2.0), max: DVec3::splat(2.0) };
+    let parts = state.overlap_box(&all).expect("parts");
+    assert!(parts.len() == 1 && parts[0].instance == 9, "{parts:?}");
+    let options = FrameOptions { width: 48, height: 32, ..FrameOptions::default() };
+    let frame = Frame::new(&context, options).expect("a frame");
+    let camera = Camera::Orthographic { eye: DVec3::Y * -4.0, at: DVec3::ZERO, up: DVec3::Z, height: 2.0 };
+    frame.request(&state, &camera, &FrameSettings::default()).expect("a request");
+    assert_eq!(frame.wait(Duration::from_secs(60)).state, FrameState::Converged);
+}
+
+/// Scenes with nothing in them take members of arrays, but no numbers.
+#[test]
+fn empty_scenes_of_arrays_have_no_occurrences() {
+    let context = built::context(0);
+    let file = built::parts(&[Part::white(5, scenes::cuboid(DVec3::splat(-0.2), DVec3::splat(0.2)))]);
+    let model = Model::open(&context, &file.path).expect("a model");
+    let (empty, two) = (Scene::new(&context), Scene::new(&context));
+    for id in 0..2 {
+        let map = DAffine3::from_translation(DVec3::Y * id as f64);
+        two.add_instance(&model, id, map).expect("an instance");
+    }
+    two.commit().expect("a commit");
+    let scene = Scene::new(&context);
+    scene.add_scene(&empty, 1, DAffine3::IDENTITY).expect("a scene");
+    let add = |first_id: u64, prototypes: Vec<Scene>, prototype_of: &[u32]| {
+        let maps = (first_id..).map(|id| DAffine3::from_translation(DVec3::X * id as f64));
+        let transforms = Transforms::Affine(maps.take(prototype_of.len()).collect());
+        let (prototypes, prototype_of) = (Prototypes::Scenes(prototypes), Arc::from(prototype_of));
+        scene.add_instances(&Instances { prototypes, prototype_of, transforms, first_id, mask: 1 }).expect("an array");
+    };
+    add(10, vec![empty.clone()], &[0, 0, 0]);
+    add(20, vec![empty.clone(), two.clone(), empty.clone()], &[0, 1, 2, 1, 0]);
+    add(30, vec![empty.clone()], &[0]);
+    add(40, vec![two.clone()], &[0, 0]);
+    scene.commit().expect("a commit");
+    let state = scene.state();
+    assert_eq!(state.instance_count(), 8);
+    let expected = [(21, 0), (21, 1), (23, 0), (23, 1), (40, 0), (40, 1), (41, 0), (41, 1)];
+    for (number, (outer, inner)) in (0..).zip(expected) {
+        let (ids, map) = state.path(number).expect("a way");
+        assert_eq!(ids, [outer, inner]);
+        assert_eq!(map.translation, DVec3::new(outer as f64, inner as f64, 0.0));
+        let ray = Ray::new(map.translation + DVec3::Z, -glam::Vec3::Z);
+        assert_eq!(closest(&state, &[ray], false)[0].occurrence, number);
+    }
+    assert!(state.path(8).is_none());
+    scene.set_transform(12, DAffine3::from_translation(DVec3::ONE)).expect("a transform");
+    scene.commit().expect("a commit");
+    assert_eq!(scene.state().instance_count(), 8);
+}
+
+/// The error of an array of scenes that is over the budget names one that suffices.
+#[test]
+fn arrays_of_scenes_count_against_the_budget() {
+    let file = built::parts(&[Part::white(5, scenes::cuboid(DVec3::splat(-0.2), DVec3::splat(0.2)))]);
+    let mut budget = 8u64 << 20;
+    for round in 0..3 {
+        let context = Context::new(ContextOptions { threads: 0, memory_budget: budget, ..Default::default() })
+            .expect("a context");
+        let model = Model::open(&context, &file.path).expect("a model");
+        let (inner, outer) = (Scene::new(&context), Scene::new(&context));
+        inner.add_instance(&model, 0, DAffine3::IDENTITY).expect("an instance");
+        inner.commit().expect("a commit");
+        let maps = (0..40_000).map(|i| DAffine3::from_translation(DVec3::X * f64::from(i)));
+        let prototypes = Prototypes::Scenes(vec![inner.clone()]);
+        let (prototype_of, transforms) = (Arc::from([]), Transforms::Affine(maps.collect()));
+        let all = Instances { prototypes, prototype_of, transforms, first_id: 0, mask: 1 };
+        match outer.add_instances(&all).and_then(|()| outer.commit()) {
+            Ok(()) => {
+                assert!(round > 0 && context.memory_used() <= budget);
+                assert_eq!(outer.state().instance_count(), 40_000);
+                return;
+            }
+            Err(Error::OverBudget { need, have, .. }) => {
+                assert!(have == budget && need > have);
+                budget = need;
+            }
+            other => panic!("{other:?}"),
+        }
+    }
+    panic!("{budget} bytes do not suffice");
 }

@@ -387,10 +387,18 @@ fn scenes_of_an_array_move() {
     let mut rng = Rng::new(12);
     let inner = nested(&context, &model, 2, &mut rng).0;
     let mut maps: Vec<DAffine3> = (0..COUNT).map(|_| place(&mut rng, 60.0)).collect();
+    let (small, other) = (one(&context, &model, &mut rng).0, place(&mut rng, 40.0));
     let scene_of = |maps: &[DAffine3]| {
         let scene = Scene::new(&context);
-        let prototypes = Prototypes::Scenes(vec![inner.clone()]);
-        let (prototype_of, transforms) = (Arc::from([]), Transforms::Affine(maps.to_vec().into()));
+        scene.add_instance(&model, 5000, other).expect("an instance");
+        scene.add_scene(&inner, 5001, other).expect("a scene");
+        let prototypes = vec![model.clone()].into();
+        let (prototype_of, transforms) = (Arc::from([]), Transforms::Affine([other; 3].into()));
+        let all = Instances { prototypes, prototype_of, transforms, first_id: 6000, mask: u32::MAX };
+        scene.add_instances(&all).expect("an array");
+        let prototypes = Prototypes::Scenes(vec![inner.clone(), Scene::new(&context), small.clone()]);
+        let prototype_of = (0..maps.len() as u32).map(|i| i % 3).collect();
+        let transforms = Transforms::Affine(maps.to_vec().into());
         let all = Instances { prototypes, prototype_of, transforms, first_id: 0, mask: u32::MAX };
         scene.add_instances(&all).expect("an array");
         scene.commit().expect("a commit");
@@ -416,12 +424,15 @@ fn scenes_of_an_array_move() {
         assert!(hits(&before) == was, "{round}");
         let now = hits(&scene.state());
         assert!(now == hits(&scene_of(&maps).state()) && now != was, "{round}");
+        let bounds = [scene.state().bounds(), scene_of(&maps).state().bounds()];
+        let size = bounds[0].extent().max_element() * 2e-3;
+        assert!((bounds[0].min - bounds[1].min).abs().max_element() < size, "{round}");
     }
     assert!(hits(&scene.state()).iter().filter(|hit| hit.0 == HitKind::Exact).count() > 100);
     let turned = Transforms::Affine([DAffine3::from_scale(DVec3::new(1e-9, 1.0, 1.0))].into());
-    scene.set_transforms(7, &turned).expect("a transform");
+    scene.set_transforms(6, &turned).expect("a transform");
     match scene.commit() {
-        Err(Error::BadArgument(why)) => assert!(why.contains("scene 7"), "{why}"),
+        Err(Error::BadArgument(why)) => assert!(why.contains("scene 6"), "{why}"),
         other => panic!("{other:?}"),
     }
 }

@@ -10,7 +10,7 @@ use crate::scene::{Instances, Place, Prototypes, Transforms};
 use glam::{DAffine3, DVec3};
 use std::sync::Arc;
 
-/// Form of the transforms of an array, from model to world space.
+/// Form of the transforms of an array, from the space of a model or a scene to world space.
 pub type oc_transform_form = u32;
 /// 12 doubles by column: the images of the three axes, then the translation. As for oc_scene_add_instance.
 pub const OC_TRANSFORM_AFFINE_F64: oc_transform_form = 0;
@@ -23,11 +23,11 @@ pub const OC_TRANSFORM_PLACE: oc_transform_form = 2;
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct oc_place {
-    /// Place of the model's origin in world space. Finite.
+    /// Place of the origin of the model or scene in world space. Finite.
     pub position: [f64; 3],
     /// Quaternion x, y, z, w of the rotation, applied after the scale. Finite and not zero; need not be unit.
     pub rotation: [f32; 4],
-    /// Scale along all axes. Finite and not 0. Below 0 it mirrors at the model's origin.
+    /// Scale along all axes. Finite and not 0. Below 0 it mirrors at this origin.
     pub scale: f32,
     /// Must be 0.
     pub reserved: u32,
@@ -142,8 +142,9 @@ unsafe fn prototypes(given: &oc_instances) -> Checked<Prototypes> {
 /// Adds many instances of a few models or scenes at once. Takes effect at oc_scene_commit.
 ///
 /// The arrays are copied: 96 bytes for an affine transform in doubles, 48 for the other forms, 4 for an index of a
-/// prototype. A commit adds some 45 bytes for each mesh that is placed, for the tree over all of them, 16 more if a
-/// transform stretches, and 250 while it runs. The members of the array are instances like those of
+/// prototype. A commit adds some 45 bytes for each mesh that is placed, or for each member that is a scene, for
+/// the tree over all of them, 16 more if a transform stretches or scenes differ in the number of meshes in them, and 250
+/// while it runs. The members of the array are instances like those of
 /// oc_scene_add_instance, but none can be removed alone or given another model, and one with an oc_place takes another
 /// place (oc_scene_set_transforms), but no matrix. A mask or a look that is set for one of them takes memory for that
 /// one.

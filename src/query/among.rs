@@ -2,8 +2,9 @@
 
 use super::part_set::{Members, PartSet};
 use crate::base::error::Result;
+use crate::base::memory::make_room;
 use crate::math::DBounds;
-use crate::scene::frame::{NodeRef, Target};
+use crate::scene::frame::{Enters, NodeRef, Target};
 use crate::scene::top::TopTree;
 use crate::scene::walk::SceneView;
 use crate::scene::{SceneState, blocks_with};
@@ -37,6 +38,7 @@ impl<'a> Among<'a> {
             let count = model.local_parts(p.tree);
             let has_any = members.has_any(p.instance, p.first_part, count);
             if has_any {
+                make_room(&mut bounds, 1, "a set of parts")?;
                 bounds.push((placed as u32, p.bounds));
             }
             if reads && has_any && count > 1 && !members.has_all(p.instance) {
@@ -55,7 +57,7 @@ impl<'a> Among<'a> {
     /// The root of the tree over placed trees that may have members.
     pub fn root(&self) -> Option<Target> {
         match &self.top {
-            None => self.scene.root(),
+            None => self.scene.root(Enters::VISIBLE),
             Some(top) => top.root().map(Target::from),
         }
     }
@@ -64,7 +66,7 @@ impl<'a> Among<'a> {
     #[inline]
     pub fn children(&self, node: NodeRef, mut visit: impl FnMut(Target, DBounds)) {
         match &self.top {
-            None => self.scene.children(node, visit),
+            None => self.scene.children(node, Enters::VISIBLE, visit),
             Some(top) => top.children(node.node(), |child, bounds| visit(child.into(), bounds)),
         }
     }

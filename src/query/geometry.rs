@@ -9,6 +9,7 @@ use crate::base::progress::Cancel;
 use crate::math::Bounds;
 use crate::residency::{Kept, Lease};
 use crate::scene::SceneState;
+use crate::scene::frame::Enters;
 use crate::scene::model::KeptSets;
 use crate::scene::model::Model;
 use crate::scene::placed::Placed;
@@ -297,7 +298,10 @@ impl SceneState {
         if ids.contains(&super::hit::NONE) || !hit.position.is_finite() {
             return wrong("it needs a position, and the ids of instance, part and primitive");
         }
-        for number in self.placed_in(|b| holds(b, hit.position)) {
+        // Of coincident trees the first counts.
+        let mut numbers: Vec<u64> = self.placed_in(Enters::All, |b| holds(b, hit.position)).collect();
+        numbers.sort_unstable();
+        for number in numbers {
             cancel.check()?;
             if self.instance_id(self.ids_of(number).instance) != hit.instance {
                 continue;

@@ -3,6 +3,7 @@
 use crate::base::error::{Error, Result};
 use crate::base::memory::room;
 use crate::lod::summary_bit;
+use crate::residency::Kept;
 use crate::scene::SceneState;
 
 /// A set of parts of a scene. Instances and parts are named by the caller's ids.
@@ -42,10 +43,15 @@ impl PartSet {
 }
 
 /// The members of a [`PartSet`] among the instances and parts of a scene, by their indices.
-pub(in crate::query) struct Members(Vec<Of>);
+pub(in crate::query) struct Members {
+    of: Vec<Of>,
+    _memory: Kept,
+}
 
 /// Number of instances, and of placed trees, that a scene must not reach. Searches among parts number them in 32 bits.
 const MOST: usize = 1 << 31;
+/// Sets of fewer bytes do not count against the budget.
+const UNCOUNTED: usize = 16 << 20;
 
 /// The members among the parts of an instance.
 enum Of {
@@ -59,10 +65,14 @@ impl Members {
     /// The visible members of `set`. Fails with `BadArgument` for an instance or part that the scene lacks.
     pub fn of(scene: &SceneState, set: &PartSet, name: &str) -> Result<Self> {
         let count = scene.instance_count();
-        if count.max(scene.placement.len() as usize) >= MOST {
-            return Err(Error::BadArgument(format!("{name}: sets of parts need a scene of fewer than 2^31 instances")));
+        if count.max(usize::try_from(scene.placement.len()).unwrap_or(MOST)) >= MOST {
+            let why = "sets of parts need a scene of fewer than 2^31 placed meshes and instances";
+            return Err(Error::BadArgument(format!("{name}: {why}")));
         }
-        let mut all = room(count, "a set of parts")?;
+        let (what, bytes) = ("a set of parts", count * size_of::<Of>());
+        let memory = if bytes > UNCOUNTED { bytes as u64 } else { 0 };
+        let memory = scene.context().residency().keep(what, memory)?;
+        let mut all = room(count, what)?;
         all.extend((0..count).map(|_| Of::None));
         let (ids, everywhere) = (scene.instance_ids(), 0..count as u64);
         for entry in &set.entries {
@@ -99,13 +109,13 @@ impl Members {
                 }
             }
         }
-        Ok(Self(all))
+        Ok(Self { of: all, _memory: memory })
     }
 
     /// True if a part of an instance is a member.
     #[inline]
     pub fn has(&self, instance: u64, part: u32) -> bool {
-        match &self.0[instance as usize] {
+        match &self.of[instance as usize] {
             Of::None => false,
             Of::All => true,
             Of::Some(bits) => bits.get(part as usize / 64).is_some_and(|word| word >> (part % 64) & 1 == 1),
@@ -114,12 +124,12 @@ impl Members {
 
     /// True if all parts of an instance are members.
     pub fn has_all(&self, instance: u64) -> bool {
-        matches!(self.0[instance as usize], Of::All)
+        matches!(self.of[instance as usize], Of::All)
     }
 
     /// True if one of `count` parts of an instance, from `first` on, is a member.
     pub fn has_any(&self, instance: u64, first: u32, count: u32) -> bool {
-        match &self.0[instance as usize] {
+        match &self.of[instance as usize] {
             Of::None => false,
             Of::All => count > 0,
             Of::Some(_) => (first..first.saturating_add(count)).any(|part| self.has(instance, part)),
@@ -131,7 +141,7 @@ impl Members {
     /// The bits (`lod::summary_bit`) of the members among `count` parts of an instance from `first` on, as parts of
     /// their tree.
     pub fn bits(&self, instance: u64, first: u32, count: u32) -> u32 {
-        match &self.0[instance as usize] {
+        match &self.of[instance as usize] {
             Of::None => 0,
             Of::All => u32::MAX,
             Of::Some(_) => (0..count)

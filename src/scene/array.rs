@@ -1,4 +1,4 @@
-//! Arrays of instances: many instances of a few models, with a transform each and next to nothing else.
+//! Arrays of instances: many instances of a few models or scenes, with a transform each and next to nothing else.
 
 use super::edit::Scene;
 use super::measures::check_transform;
@@ -13,7 +13,7 @@ use std::sync::Arc;
 /// A position with a rotation and a scale, in 48 bytes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Place {
-    /// The place of the model's origin, in world space.
+    /// The place of the origin of the model or scene, in world space.
     pub position: DVec3,
     /// Quaternion x, y, z, w of the rotation, applied after the scale. Its length must not be 0, and is ignored.
     pub rotation: [f32; 4],
@@ -30,7 +30,7 @@ impl Place {
     }
 }
 
-/// The transforms of an array, from model to world space.
+/// The transforms of an array, from the space of a model or a scene to world space.
 #[derive(Debug, Clone)]
 pub enum Transforms {
     /// Affine maps, 96 bytes each.

@@ -96,6 +96,7 @@ impl Scene {
             || scenes.see_through(draft);
         let hides_parts = states.own().any(|it| !it.parts.trees.is_empty()) || scenes.all().any(|it| it.hides_parts);
         scenes.add_states(draft, &mut states);
+        states.find_seen_by();
         let mut state = SceneState {
             see_through,
             levels,
@@ -110,9 +111,10 @@ impl Scene {
             _memory: memory,
         };
         let occurrences = draft.occurrences.states(&state);
-        if let Some(states) = Arc::get_mut(&mut state.states).filter(|_| !occurrences.is_empty()) {
-            state.see_through |= occurrences.values().any(|it| it.look.see_through());
-            states.occurrences = occurrences;
+        state.see_through |= occurrences.values().any(|it| it.look.see_through());
+        match Arc::get_mut(&mut state.states) {
+            Some(states) => states.occurrences = occurrences,
+            None => return Err(Error::Internal("the states of a commit are shared".into())),
         }
         Ok(state)
     }

@@ -130,6 +130,7 @@ impl Scene {
         if !are_of_context {
             return Err(Error::bad_argument("a prototype belongs to another context"));
         }
+        let array = Arc::new(Array::new(instances, context.residency())?);
         // Two threads might put two scenes into each other.
         let _nesting = matches!(instances.prototypes, Prototypes::Scenes(_)).then(|| context.nesting());
         if let Prototypes::Scenes(all) = &instances.prototypes
@@ -137,7 +138,6 @@ impl Scene {
         {
             return Err(Error::bad_argument("the scene would be in itself"));
         }
-        let array = Arc::new(Array::new(instances, self.0.context.residency())?);
         let mut draft = self.draft();
         draft.check_new(array.first_id, array.len().into())?;
         let common = DraftState { mask: instances.mask, ..DraftState::plain(&draft.plain) };
@@ -154,7 +154,7 @@ impl Scene {
 
     /// Adds a scene to this one, transformed by `world_from_scene`, as instance `id`. Each commit of this scene takes
     /// the other as it was committed last; its lights and background are left out. Scenes may be in scenes, up to
-    /// 64 levels, and a scene any number of times. Its instances count as placed trees of this scene each time. Cheap.
+    /// 64 levels, and a scene any number of times: what is in it takes memory once. Cheap.
     ///
     /// Fails with `BadArgument` if the id is taken, the scene belongs to another context, is this scene or has it in
     /// it, or the transform is singular or not finite.
@@ -405,9 +405,10 @@ impl Scene {
     /// Makes the edits since the last commit visible at once to jobs that begin from now on. The time grows with the
     /// number of instances, or, if only some members of arrays have moved, with their number; a commit reads no disk.
     ///
-    /// Fails with `BadArgument` if there are 2³¹ placed trees or more, 2⁶³ with those in scenes in it, or for
-    /// transforms of scenes that are singular together, and with `OverBudget` if the budget has no room for the placed
-    /// trees, or for the looks of parts. Jobs then see the state before.
+    /// Fails with `BadArgument` if there are 2³¹ instances, placed trees or scenes of its own or more, 2⁶³ with what is
+    /// in scenes in it, for scenes in scenes at more than 64 levels, or for transforms of scenes that are singular
+    /// together, and with `OverBudget` if the budget has no room for the placed trees, or for the looks of parts. Jobs
+    /// then see the state before.
     pub fn commit(&self) -> Result<()> {
         // Dropped without the lock, as in `remove_instance`.
         let before = self.commit_draft(&mut self.draft())?;

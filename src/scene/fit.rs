@@ -6,7 +6,7 @@
 
 use super::camera::{Camera, axes};
 use super::edit::{Scope, choose};
-use super::frame::Search;
+use super::frame::{Enters, Search};
 use super::model::Model;
 use super::state::{ROUGH, SceneState};
 use crate::base::error::{Error, Result};
@@ -14,6 +14,7 @@ use crate::base::units::UpAxis;
 use crate::math::DBounds;
 use glam::{DAffine3, DVec3};
 use std::collections::HashMap;
+use std::ops::Range;
 
 /// A view with a name, relative to an up axis. Front is the side towards -Y if Z is up, +Z if Y is up, +Y if X is up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -163,9 +164,11 @@ impl SceneState {
         // Of boxes that stand for all in them: they let no others reach farther.
         let mut rough = Supports::new(&frame, self.bounds().center());
         if chosen.is_empty() {
-            (0..self.placement.own_instances()).for_each(|instance| self.support(instance, None, &mut supports));
+            for instance in 0..self.placement.own_instances() {
+                self.support(instance, self.all_parts(instance), &mut supports);
+            }
             if !self.placement.has_no_scenes() {
-                self.support_scenes(Search::begin(self), None, [&mut supports, &mut rough])?;
+                self.support_scenes(Search::begin(self, Enters::VISIBLE), None, [&mut supports, &mut rough])?;
             }
         } else {
             for (of, parts) in self.chosen(chosen)? {
@@ -174,10 +177,13 @@ impl SceneState {
                     parts.as_ref().map(of_model).transpose()
                 };
                 match of {
-                    Of::Instance(instance) => self.support(instance, chosen(instance)?.as_deref(), &mut supports),
+                    Of::Instance(instance) => match chosen(instance)? {
+                        Some(parts) => self.support(instance, parts, &mut supports),
+                        None => self.support(instance, self.all_parts(instance), &mut supports),
+                    },
                     Of::Scene(first) => {
                         let Some(it) = self.inner_of(first) else { continue };
-                        let search = Search::in_scene(self, it);
+                        let search = Search::in_scene(self, it, Enters::VISIBLE);
                         self.support_scenes(search, Some(&chosen), [&mut supports, &mut rough])?;
                     }
                 }
@@ -235,15 +241,26 @@ impl SceneState {
             }
             is_far
         }) {
-            let instance = self.ids_of(number).instance;
-            let parts = chosen.map_or(Ok(None), |chosen| chosen(instance))?;
-            self.support(instance, parts.as_deref(), supports);
+            let p = self.ids_of(number);
+            let parts = chosen.map_or(Ok(None), |chosen| chosen(p.instance))?;
+            let of_tree = p.first_part..p.first_part.saturating_add(self.models[p.model as usize].local_parts(p.tree));
+            match parts {
+                Some(mut parts) => {
+                    parts.retain(|part| of_tree.contains(part));
+                    self.support(p.instance, parts, supports);
+                }
+                None => self.support(p.instance, of_tree, supports),
+            }
         }
         Ok(())
     }
 
-    /// Adds the visible ones of an instance's parts, or of some.
-    fn support(&self, instance: u64, parts: Option<&[u32]>, supports: &mut Supports) {
+    fn all_parts(&self, instance: u64) -> Range<u32> {
+        0..self.model_of_instance(instance).parts().len() as u32
+    }
+
+    /// Adds the visible ones of some parts of an instance.
+    fn support(&self, instance: u64, parts: impl IntoIterator<Item = u32>, supports: &mut Supports) {
         let state = self.state_of(instance);
         if !state.look.visible {
             return;
@@ -262,10 +279,7 @@ impl SceneState {
                 supports.add(&placed, &info.bounds);
             }
         };
-        match parts {
-            Some(parts) => parts.iter().for_each(|&part| add(part)),
-            None => (0..model.parts().len() as u32).for_each(add),
-        }
+        parts.into_iter().for_each(&mut add);
     }
 }
 

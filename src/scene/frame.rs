@@ -4,7 +4,7 @@
 use super::inner::Inner;
 use super::placed::Placed;
 use super::placement::Member;
-use super::state::SceneState;
+use super::state::{SceneState, States};
 use crate::math::DBounds;
 use crate::structure::{MemberChild, Members};
 use glam::DAffine3;
@@ -31,6 +31,8 @@ pub(crate) enum Target {
 #[derive(Clone, Copy)]
 pub(super) struct Frame<'a> {
     pub scene: &'a SceneState,
+    /// The states of what is in it, under those of the scenes around it.
+    states: &'a States,
     /// `None`: it is the outermost one.
     pub world_from_scene: Option<DAffine3>,
     /// The number of its first placed tree.
@@ -61,7 +63,7 @@ pub(super) enum Fork<'a> {
 
 impl<'a> Frame<'a> {
     pub fn outermost(scene: &'a SceneState) -> Self {
-        Self { scene, world_from_scene: None, first: 0, level: 0 }
+        Self { scene, states: &scene.states, world_from_scene: None, first: 0, level: 0 }
     }
 
     /// The scene with placed tree `number` that has so many scenes around it.
@@ -74,12 +76,13 @@ impl<'a> Frame<'a> {
     #[inline]
     pub fn of(scene: &'a SceneState, key: &FrameKey) -> Self {
         let FrameKey { world_from_scene, first, level } = *key;
-        let (mut inner, mut before) = (scene, 0);
+        let (mut inner, mut states, mut before) = (scene, &*scene.states, 0);
         for _ in 0..level {
             let it = inner.placement.scene_with(first - before);
+            states = states.in_scene(&inner.placement, &it);
             (inner, before) = (it.scene, before + it.first);
         }
-        Self { scene: inner, world_from_scene, first, level }
+        Self { scene: inner, states, world_from_scene, first, level }
     }
 
     /// See [`FrameKey`].
@@ -91,7 +94,14 @@ impl<'a> Frame<'a> {
     /// A scene in this one.
     pub fn inside(&self, it: Inner<'a>) -> Self {
         let map = self.world_from_scene.map_or(it.world_from_scene(), |outer| outer * it.world_from_scene());
-        Self { scene: it.scene, world_from_scene: Some(map), first: self.first + it.first, level: self.level + 1 }
+        let states = self.states.in_scene(&self.scene.placement, &it);
+        let (first, level) = (self.first + it.first, self.level + 1);
+        Self { scene: it.scene, states, world_from_scene: Some(map), first, level }
+    }
+
+    /// The mask of the rays that see anything in the scene.
+    pub fn seen_by(&self) -> u32 {
+        self.states.seen_by
     }
 
     /// The tree over its members, if it has more than one, and the frame of the boxes there.
@@ -119,8 +129,8 @@ impl<'a> Frame<'a> {
         }
     }
 
-    /// The member or node that a child leads to; `None`: there is nothing below.
-    fn target(mut self, mut child: MemberChild) -> Option<Target> {
+    /// The member or node that a child leads to; `None`: there is nothing below that `scenes` has.
+    fn target(mut self, mut child: MemberChild, scenes: Enters) -> Option<Target> {
         loop {
             let member = match child {
                 MemberChild::Node(node) => {
@@ -132,13 +142,16 @@ impl<'a> Frame<'a> {
                 Member::Placed(number) => return Some(Target::Placed(self.first + u64::from(number))),
                 Member::Scene(it) => self = self.inside(it),
             }
+            if !scenes.has(self.states.seen_by) {
+                return None;
+            }
             child = self.scene.placement.top.root()?;
         }
     }
 
     /// The root of its tree; `None`: there is nothing in it.
-    fn root(self) -> Option<Target> {
-        self.target(self.scene.placement.top.root()?)
+    fn root(self, scenes: Enters) -> Option<Target> {
+        self.target(self.scene.placement.top.root()?, scenes)
     }
 
     /// Bounds in the world of a box of the scene, rounding included.
@@ -148,9 +161,9 @@ impl<'a> Frame<'a> {
 
     /// Calls `visit` with the children of a node, at most eight, and their boxes in the world.
     #[inline]
-    fn children(self, node: u32, mut visit: impl FnMut(Target, DBounds)) {
+    fn children(self, node: u32, scenes: Enters, mut visit: impl FnMut(Target, DBounds)) {
         self.scene.placement.top.children(node, |child, bounds| {
-            if let Some(target) = self.target(child) {
+            if let Some(target) = self.target(child, scenes) {
                 visit(target, self.bounds_in_world(bounds));
             }
         });
@@ -182,27 +195,52 @@ pub(super) fn bounds_of_scene(scene: &SceneState, map: &DAffine3) -> DBounds {
 impl SceneState {
     /// The root of the trees over placed trees of all levels; `None`: there is nothing to hit.
     #[inline]
-    pub(crate) fn root(&self) -> Option<Target> {
-        Frame::outermost(self).root()
+    pub(crate) fn root(&self, scenes: Enters) -> Option<Target> {
+        Frame::outermost(self).root(scenes)
     }
 
     /// Calls `visit` with the children of a node, at most eight, and boxes around all that rays may hit there.
     #[inline]
-    pub(crate) fn children(&self, node: NodeRef, visit: impl FnMut(Target, DBounds)) {
-        Frame::with(self, node.level, node.first).children(node.node, visit);
+    pub(crate) fn children(&self, node: NodeRef, scenes: Enters, visit: impl FnMut(Target, DBounds)) {
+        Frame::with(self, node.level, node.first).children(node.node, scenes, visit);
     }
 
     /// The placed trees that are not in boxes outside of what `enters` accepts, in no order. It gets boxes around all
-    /// that rays may hit.
-    pub(crate) fn placed_in(&self, enters: impl Fn(&DBounds) -> bool) -> impl Iterator<Item = u64> {
-        let mut search = Search::begin(self);
+    /// that rays may hit. Placed trees that are hidden, though the scene that they are in is not, are among them.
+    pub(crate) fn placed_in(&self, scenes: Enters, enters: impl Fn(&DBounds) -> bool) -> impl Iterator<Item = u64> {
+        let mut search = Search::begin(self, scenes);
         std::iter::from_fn(move || search.next(self, &enters))
+    }
+}
+
+/// Which scenes a search enters.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(crate) enum Enters {
+    /// All, hidden ones too.
+    #[default]
+    All,
+    /// Those with anything that rays with this mask see.
+    By(u32),
+}
+
+impl Enters {
+    /// Those with anything visible.
+    pub const VISIBLE: Self = Self::By(u32::MAX);
+
+    fn has(self, seen_by: u32) -> bool {
+        match self {
+            Self::All => true,
+            Self::By(mask) => seen_by & mask != 0,
+        }
     }
 }
 
 /// A search for placed trees, from the root down.
 #[derive(Debug, Default)]
-pub(crate) struct Search(Vec<Target>);
+pub(crate) struct Search {
+    left: Vec<Target>,
+    scenes: Enters,
+}
 
 impl NodeRef {
     /// The node in its tree.
@@ -222,34 +260,35 @@ impl From<MemberChild> for Target {
 }
 
 impl Search {
-    pub fn begin(scene: &SceneState) -> Self {
-        Self(scene.root().into_iter().collect())
+    pub fn begin(scene: &SceneState, scenes: Enters) -> Self {
+        Self { left: Frame::outermost(scene).root(scenes).into_iter().collect(), scenes }
     }
 
     /// Begins in one of the scenes in a scene.
-    pub(super) fn in_scene(scene: &SceneState, inner: Inner) -> Self {
-        Self(Frame::outermost(scene).inside(inner).root().into_iter().collect())
+    pub(super) fn in_scene(scene: &SceneState, inner: Inner, scenes: Enters) -> Self {
+        Self { left: Frame::outermost(scene).inside(inner).root(scenes).into_iter().collect(), scenes }
     }
 
     /// Begins again.
-    pub fn restart(&mut self, scene: &SceneState) {
-        self.0.clear();
-        self.0.extend(scene.root());
+    pub fn restart(&mut self, scene: &SceneState, scenes: Enters) {
+        self.scenes = scenes;
+        self.left.clear();
+        self.left.extend(Frame::outermost(scene).root(scenes));
     }
 
     /// Ends the search.
     pub fn end(&mut self) {
-        self.0.clear();
+        self.left.clear();
     }
 
     /// The next placed tree in boxes that `enters` accepts.
     pub fn next(&mut self, scene: &SceneState, mut enters: impl FnMut(&DBounds) -> bool) -> Option<u64> {
         loop {
-            match self.0.pop()? {
+            match self.left.pop()? {
                 Target::Placed(placed) => return Some(placed),
-                Target::Inner(node) => scene.children(node, |child, bounds| {
+                Target::Inner(node) => scene.children(node, self.scenes, |child, bounds| {
                     if enters(&bounds) {
-                        self.0.push(child);
+                        self.left.push(child);
                     }
                 }),
             }

@@ -133,7 +133,7 @@ pub(super) struct PlacedSceneArray {
     pub first_member: u32,
     pub prototypes: Arc<[Prototype]>,
     /// What is before each member, from `first` on. Empty if all prototypes have equally many.
-    starts: Arc<[Counts]>,
+    starts: Arc<Vec<Counts>>,
 }
 
 impl PlacedSceneArray {
@@ -151,7 +151,7 @@ impl PlacedSceneArray {
                 before = before.plus(prototypes[at].counts(), 1);
             }
         }
-        Ok(Self { array, first, first_member, prototypes, starts: starts.into() })
+        Ok(Self { array, first, first_member, prototypes, starts: Arc::new(starts) })
     }
 
     /// Bytes of memory, in addition to the array's, with these prototypes.

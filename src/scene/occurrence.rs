@@ -12,6 +12,8 @@ use std::sync::Arc;
 #[derive(Default)]
 pub(super) struct OccurrenceLooks {
     looks: BTreeMap<Vec<u64>, Look>,
+    /// Number of ids of all ways.
+    ids: usize,
     memory: Kept,
 }
 
@@ -22,14 +24,23 @@ impl OccurrenceLooks {
     /// Sets or, if it changes nothing, removes a look.
     fn set(&mut self, path: Vec<u64>, look: Look, residency: &Residency) -> Result<()> {
         if look == Look::default() {
-            self.looks.remove(&path);
+            if self.looks.remove(&path).is_some() {
+                self.ids -= path.len();
+                self.memory.shrink_to(self.bytes());
+            }
             return Ok(());
         }
-        let ids: usize = self.looks.keys().map(Vec::len).sum::<usize>() + path.len();
-        let bytes = (self.looks.len() + 1) * EACH + ids * size_of::<u64>();
-        self.memory.grow_to(residency, WHAT, bytes as u64)?;
-        self.looks.insert(path, look);
+        let more = EACH + path.len() * size_of::<u64>();
+        self.memory.grow_to(residency, WHAT, self.bytes() + more as u64)?;
+        let length = path.len();
+        if self.looks.insert(path, look).is_none() {
+            self.ids += length;
+        }
         Ok(())
+    }
+
+    fn bytes(&self) -> u64 {
+        (self.looks.len() * EACH + self.ids * size_of::<u64>()) as u64
     }
 
     /// Forgets those that lead nowhere in a state, and returns the states of the others by the numbers of the
@@ -41,6 +52,8 @@ impl OccurrenceLooks {
             all.extend(instance.map(|instance| (instance, state.state_of(instance).over(*look))));
             instance.is_some()
         });
+        self.ids = self.looks.keys().map(Vec::len).sum();
+        self.memory.shrink_to(self.bytes());
         all
     }
 }
@@ -84,7 +97,8 @@ impl Scene {
     /// ([`crate::query::Hit::occurrence`]). It has all parts of the instance in that place, and no other place of it. A
     /// colour has precedence over those of the instance and of the scenes around it, but not over those of parts; what
     /// one of them hides or highlights stays so. The default look removes it. The ids on the way are remembered: later
-    /// commits keep the look as long as they lead to an instance. Takes effect with the next commit.
+    /// commits keep the look as long as they lead to an instance. For an instance that is in no other scene the call is
+    /// [`Scene::set_instance_look`]. Takes effect with the next commit.
     ///
     /// Fails with `BadArgument` if the scene has no such occurrence or the look is wrong, and with `OverBudget`.
     pub fn set_occurrence_look(&self, occurrence: u64, look: Look) -> Result<()> {

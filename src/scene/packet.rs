@@ -220,7 +220,12 @@ impl SceneView<'_> {
                     let among = level.walk.at_member() & walk.active;
                     match frame.scene.placement.member(member) {
                         Member::Placed(number) => return Some((frame.first + u64::from(number), among)),
-                        Member::Scene(it) => walk.enter(self, rays, frame.inside(it), among),
+                        Member::Scene(it) => {
+                            let inner = frame.inside(it);
+                            let sees = |i: &usize| rays[*i].mask & inner.seen_by() != 0;
+                            let among = bits(among).filter(sees).fold(0, |all, i| all | 1 << i);
+                            walk.enter(self, rays, inner, among);
+                        }
                     }
                     if let Some(only) = walk.only.take() {
                         return Some(only);

@@ -7,7 +7,7 @@ use super::inner::{Counts, Inner, PlacedScene, PlacedSceneArray};
 use super::measures::{Factors, Measures};
 use super::model::Model;
 use super::placed::Placed;
-use super::state::SceneState;
+use super::state::{SceneState, at};
 use super::top::TopTree;
 use crate::math::DBounds;
 use crate::residency::Kept;
@@ -277,7 +277,7 @@ impl Placement {
     /// The placed tree of a single instance; `None`: it is of another.
     #[inline(always)]
     pub(super) fn single(&self, number: u64) -> Option<&Placed> {
-        self.singles.get(number as usize)
+        at(&self.singles, number)
     }
 
     /// A placed tree that is not of a single instance; `models`: those of the scene.

@@ -48,7 +48,9 @@ impl Scene {
                     let [old, new] = [&before.scene_arrays, &after.scene_arrays].map(|all| all[at].inner(at, member));
                     after.position_error = after.position_error.max(new.position_error());
                     let number = before.scene_arrays[at].first_member + member;
-                    moves.push((number, [bounds_of_scene(old.scene, &old.world_from_scene()), checked_bounds(&new)?]));
+                    let bounds = [bounds_of_scene(old.scene, &old.world_from_scene()), checked_bounds(&new)?];
+                    // A scene with nothing in it is not in the tree.
+                    moves.extend((!bounds[0].is_empty()).then_some((number, bounds)));
                     continue;
                 }
             };

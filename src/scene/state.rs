@@ -1,7 +1,7 @@
 //! The committed, immutable state of a scene, which jobs read.
 
 use super::context::Context;
-use super::frame::Search;
+use super::frame::{Enters, Search};
 use super::inner::{Inner, InnerKey};
 use super::light::{Background, Light};
 use super::looks::{Look, PartsShown};
@@ -11,7 +11,7 @@ use super::placement::{Holder, PlacedIds, Placement};
 use crate::math::DBounds;
 use crate::residency::Kept;
 use crate::structure::ShownBlocks;
-use glam::DAffine3;
+use glam::{DAffine3, DVec3};
 use std::borrow::Cow;
 use std::collections::{HashMap, HashSet};
 use std::ops::Range;
@@ -24,6 +24,13 @@ pub(crate) struct InstanceState {
     pub look: Look,
     /// The looks of its parts.
     pub parts: Arc<PartsShown>,
+}
+
+impl InstanceState {
+    /// The mask of the rays that see it.
+    fn seen_by(&self) -> u32 {
+        if self.look.visible { self.mask } else { 0 }
+    }
 }
 
 /// A single instance as it was at the commit.
@@ -47,13 +54,15 @@ pub(super) struct ArrayStates {
 /// The states of all instances as they were at the commit.
 #[derive(Default)]
 pub(super) struct States {
+    /// The mask of the rays that see anything of them.
+    pub seen_by: u32,
     /// Of single instances.
     pub singles: Vec<InstanceState>,
     pub arrays: Vec<ArrayStates>,
     /// Of the instances of each scene in this one, under the state of that scene.
     pub scenes: Vec<Arc<States>>,
     pub scene_arrays: Vec<SceneArrayStates>,
-    /// Of single instances in scenes in this one, by their numbers.
+    /// Of single occurrences: of instances in scenes in this one, by their numbers.
     pub occurrences: HashMap<u64, InstanceState>,
 }
 
@@ -62,6 +71,12 @@ pub(super) struct SceneArrayStates {
     /// Of each prototype, under the state of members that have none of their own.
     pub common: Vec<Arc<States>>,
     pub own: HashMap<u32, Arc<States>>,
+}
+
+/// An element of a list; `None` beyond its end.
+#[inline(always)]
+pub(super) fn at<T>(list: &[T], number: u64) -> Option<&T> {
+    list.get(usize::try_from(number).ok()?)
 }
 
 impl States {
@@ -101,6 +116,7 @@ impl States {
             own: it.own.iter().map(|(&member, it)| (member, scene(it))).collect(),
         };
         Self {
+            seen_by: self.seen_by & outer.seen_by(),
             scene_arrays: self.scene_arrays.iter().map(of_scenes).collect(),
             occurrences: self.occurrences.iter().map(|(&instance, it)| (instance, under(it))).collect(),
             singles: self.singles.iter().map(under).collect(),
@@ -130,6 +146,13 @@ impl States {
         self.singles.iter().chain(of_arrays)
     }
 
+    /// Sets the mask of the rays that see anything of them.
+    pub fn find_seen_by(&mut self) {
+        let own = self.own().fold(0, |all, it| all | it.seen_by());
+        let of_arrays = self.scene_arrays.iter().flat_map(|it| it.common.iter().chain(it.own.values()));
+        self.seen_by = self.scenes.iter().chain(of_arrays).fold(own, |all, it| all | it.seen_by);
+    }
+
     /// The ids of a placed tree, and the state of its instance.
     fn with_ids(&self, placement: &Placement, number: u64) -> (PlacedIds, &InstanceState) {
         if let Some(placed) = placement.single(number) {
@@ -154,7 +177,7 @@ impl States {
     }
 
     /// The states of what is in a scene in this one.
-    fn in_scene(&self, placement: &Placement, it: &Inner) -> &Self {
+    pub fn in_scene(&self, placement: &Placement, it: &Inner) -> &Self {
         match it.key {
             InnerKey::Single(at) => &self.scenes[at],
             InnerKey::Member(at, member) => {
@@ -165,10 +188,10 @@ impl States {
         }
     }
 
-    /// The state of an instance that is not a single one.
+    /// The state of an instance.
     #[inline(never)]
     fn of(&self, placement: &Placement, instance: u64) -> &InstanceState {
-        if let Some(single) = self.singles.get(instance as usize) {
+        if let Some(single) = at(&self.singles, instance) {
             return single;
         }
         if let Some(own) = self.occurrences.get(&instance) {
@@ -192,7 +215,7 @@ pub(crate) struct Stand<'a> {
     pub state: &'a InstanceState,
 }
 
-/// Boxes may reach beyond bounds by this fraction of their extent.
+/// Boxes may reach beyond bounds by this fraction of their greatest extent.
 pub(super) const ROUGH: f64 = 1.0 / 1024.0;
 
 /// A scene as it was at a commit: immutable, shared by the jobs that began with it. Thread-safe.
@@ -244,7 +267,7 @@ impl SceneState {
     /// The state of an instance.
     #[inline(always)]
     pub(crate) fn state_of(&self, instance: u64) -> &InstanceState {
-        match self.states.singles.get(instance as usize) {
+        match at(&self.states.singles, instance) {
             Some(single) => single,
             None => self.states.of(&self.placement, instance),
         }
@@ -253,7 +276,7 @@ impl SceneState {
     /// The caller's id of an instance. That of an instance of a scene in this one is the id of that scene.
     #[inline]
     pub(crate) fn instance_id(&self, instance: u64) -> u64 {
-        if let Some(single) = self.singles.get(instance as usize) {
+        if let Some(single) = at(&self.singles, instance) {
             return single.id;
         }
         match self.placement.holder_of_instance(instance) {
@@ -264,7 +287,7 @@ impl SceneState {
 
     /// The model of an instance.
     pub(crate) fn model_of_instance(&self, instance: u64) -> &Model {
-        if let Some(single) = self.singles.get(instance as usize) {
+        if let Some(single) = at(&self.singles, instance) {
             return &self.models[single.model as usize];
         }
         match self.placement.holder_of_instance(instance) {
@@ -275,7 +298,7 @@ impl SceneState {
 
     /// The map of an instance to the world.
     pub(crate) fn world_from_model(&self, instance: u64) -> DAffine3 {
-        if let Some(single) = self.singles.get(instance as usize) {
+        if let Some(single) = at(&self.singles, instance) {
             return single.world_from_model;
         }
         match self.placement.holder_of_instance(instance) {
@@ -329,7 +352,7 @@ impl SceneState {
     }
 
     /// Bounds of all instances, hidden ones too, in world space; empty if there are none. Where scenes are in it they
-    /// may be larger, by up to a thousandth of their extent on each side.
+    /// may be larger, by up to a thousandth of their greatest extent on each side.
     pub fn bounds(&self) -> DBounds {
         let of_own = || (0..self.placement.len()).map(|number| self.placed(number).bounds);
         *self.placement.bounds.get_or_init(|| match self.placement.has_no_scenes() {
@@ -340,12 +363,12 @@ impl SceneState {
 
     /// [`SceneState::bounds`], with time for few of the placed trees.
     fn rough_bounds(&self) -> DBounds {
-        let (mut all, mut search) = (DBounds::EMPTY, Search::begin(self));
+        let (mut all, mut search) = (DBounds::EMPTY, Search::begin(self, Enters::All));
         // Boxes hold all that rays may hit, which is a little more than the triangles. One that reaches but a little
         // beyond is taken as it is: otherwise all at the bounds would be visited.
         let mut boxes = DBounds::EMPTY;
         loop {
-            let grown = all.extent() * ROUGH;
+            let grown = DVec3::splat(all.extent().max_element() * ROUGH);
             let around = DBounds { min: all.min - grown, max: all.max + grown };
             let next = search.next(self, |b| {
                 let is_within = !all.is_empty() && around.contains(b);

@@ -5,7 +5,7 @@
 use super::alike::Alike;
 use super::beam::Beam;
 use super::box_ray::PacketBoxRays;
-use super::frame::Target;
+use super::frame::{Enters, Target};
 use super::group::Entered;
 use super::placed::At;
 use super::ray_rows::RayRows;
@@ -34,7 +34,7 @@ pub(crate) struct SceneStream {
     todo: Vec<Vec<(u64, f64)>>,
     /// For each other ray, its walk through the top trees.
     tops: Vec<TopWalk>,
-    /// True for rays that are not done: `todo` may hold nodes for them.
+    /// True for rays that are not done: `todo` or `tops` has more for them.
     goes_on: Box<[bool; STREAM]>,
     /// The placed trees that some packet's rays may enter.
     entered: Vec<Entered>,
@@ -180,7 +180,7 @@ impl SceneView<'_> {
     /// those of [`SceneStream::hits_from`], and [`SceneStream::unfinished`] has the rays without an answer.
     pub fn trace_in_only<const ANY: bool>(&self, rays: &[Ray], walk: &mut SceneStream) -> Option<u64> {
         debug_assert!(self.within.is_none(), "a double-precision interval belongs to a single ray");
-        let Some(Target::Placed(placed)) = self.scene.root() else { return None };
+        let Some(Target::Placed(placed)) = self.scene.root(Enters::All) else { return None };
         let seen_by = self.seen_by(placed);
         if rays.len() <= FEW || rays.iter().any(|ray| ray.mask & seen_by == 0) {
             return None;
@@ -228,7 +228,7 @@ impl SceneView<'_> {
         found.iter_mut().zip(rays).for_each(|(found, ray)| *found = Found::nothing(ray.t_max));
         let mut entering = std::mem::take(&mut walk.entering);
         entering.clear();
-        match self.scene.root() {
+        match self.scene.root(Enters::All) {
             None => {}
             Some(Target::Placed(placed)) => {
                 walk.goes_on[..rays.len()].fill(false);
@@ -287,7 +287,7 @@ impl SceneView<'_> {
                 let mut enter = [0.0; PACKET];
                 for i in bits(packet.enter(self.scene.context().isa(), &tree.bounds, &t_max, &mut enter)) {
                     let todo = &mut todo[first + i];
-                    // The nearest node is the last; of equally near nodes the first tree is visited first.
+                    // The nearest tree is the last; of equally near trees the first is visited first.
                     let at = todo.partition_point(|it| it.1 > enter[i]);
                     todo.insert(at, (tree.placed, enter[i]));
                 }

@@ -61,10 +61,10 @@ impl Default for TopTree {
 /// box.
 const GROWTH: f64 = 1.0 / 131_072.0;
 
-/// The tree has room for this many times its extent, so that placed trees may move without a build.
+/// The tree has room for this many times its extent, so that members may move without a build.
 const ROOM: f64 = 1.5;
 
-/// The tree is built anew once one in so many placed trees has moved: boxes get no smaller otherwise.
+/// The tree is built anew once one in so many members has moved: boxes get no smaller otherwise.
 const MOST_MOVED: usize = 8;
 
 /// Range of the greatest coordinate for frames that are not scaled.
@@ -89,7 +89,7 @@ impl TopTree {
         let reach = (around.extent().max_element() * 0.5 + rounding).max(f64::MIN_POSITIVE);
         let scale = if USUAL.contains(&reach) { 1.0 } else { reach.log2().round().exp2() };
         let grown = reach * GROWTH + rounding;
-        // Room for placed trees that move.
+        // Room for members that move.
         let all = DVec3::splat(reach * ROOM);
         let all = DBounds { min: origin - all, max: origin + all };
         let max_coord = (reach * ROOM / scale) as f32;
@@ -100,12 +100,12 @@ impl TopTree {
         Ok(Self { around, root: Some(root), nodes: Some(Nodes { tree, frame, count, moved: 0 }) })
     }
 
-    /// True if so many more placed trees may move without a build of the tree.
+    /// True if so many more members may move without a build of the tree.
     pub fn may_move(&self, more: usize) -> bool {
         self.nodes.as_ref().is_some_and(|nodes| nodes.moved + more <= nodes.count / MOST_MOVED)
     }
 
-    /// The tree after moves of placed trees: their indices, and their bounds before and after. `None` if it must be
+    /// The tree after moves of members: their numbers, and their bounds before and after. `None` if it must be
     /// built anew: too many have moved since it was built, or one leaves the room around it.
     pub fn moved(&self, moves: &[(u32, [DBounds; 2])]) -> Option<Self> {
         let Nodes { tree, frame, count, moved } = self.nodes.as_ref().filter(|_| self.may_move(moves.len()))?;

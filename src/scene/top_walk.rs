@@ -78,7 +78,12 @@ impl TopWalk {
             match members.tree(view.scene.context().isa()).closest(None, &mut level.walk) {
                 Outcome::Member(member) => match frame.scene.placement.member(member) {
                     Member::Placed(number) => return Some(frame.first + u64::from(number)),
-                    Member::Scene(it) => self.enter(view, ray, frame.inside(it), best),
+                    Member::Scene(it) => {
+                        let inner = frame.inside(it);
+                        if inner.seen_by() & ray.mask != 0 {
+                            self.enter(view, ray, inner, best);
+                        }
+                    }
                 },
                 // All blocks of this tree are in memory.
                 Outcome::Done | Outcome::Pending(_) => self.depth -= 1,

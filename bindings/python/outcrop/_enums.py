@@ -293,7 +293,7 @@ class LightKind(enum.IntEnum):
 
 
 class TransformForm(enum.IntEnum):
-    """Form of the transforms of an array, from model to world space."""
+    """Form of the transforms of an array, from the space of a model or a scene to world space."""
 
 
 

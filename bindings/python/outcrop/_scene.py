@@ -165,7 +165,8 @@ class Scene(Queries, Clashes, Distances):
 
     def set_occurrence_look(self, occurrence: int, *, hidden: bool = False, selected: bool = False,
                             colour: Vector | None = None) -> None:
-        """Sets the look of an instance in one place of the scene that it is in. Without arguments it is removed.
+        """Sets the look of an instance in one place of the scene that it is in. Without arguments it is removed. For an
+        instance that is in no other scene it is `set_look`.
 
         occurrence: as for `path`. Later commits keep the look as long as the ids on the way lead to an instance.
         """

@@ -873,11 +873,11 @@ class Place(Value):
     _struct = _abi.oc_place
 
     position: Vector = (0.0, 0.0, 0.0)
-    """Place of the model's origin in world space. Finite."""
+    """Place of the origin of the model or scene in world space. Finite."""
     rotation: Vector = (0.0, 0.0, 0.0, 0.0)
     """Quaternion x, y, z, w of the rotation, applied after the scale. Finite and not zero; need not be unit."""
     scale: float = 0.0
-    """Scale along all axes. Finite and not 0. Below 0 it mirrors at the model's origin."""
+    """Scale along all axes. Finite and not 0. Below 0 it mirrors at this origin."""
 
 
 __all__ = [

@@ -212,7 +212,7 @@ impl SceneState {
     ) -> Result<ClashSummary> {
         options.check()?;
         let task = Task::new(self, options, progress, cancel)?;
-        let mut found = quest::search(&task, &task.tree_pairs())?;
+        let mut found = quest::search(&task, &task.tree_pairs()?)?;
         cancel.check()?;
         found.keep(options.limit, true);
         let ids = ids::of_triangles(self, &found.met)?;

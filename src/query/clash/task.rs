@@ -4,11 +4,12 @@ use super::super::part_set::{Members, PartSet};
 use super::ClashOptions;
 use super::rules::Rules;
 use crate::base::error::Result;
+use crate::base::memory::make_room;
 use crate::base::progress::{Cancel, Progress};
 use crate::math::DBounds;
 use crate::scene::SceneState;
 use crate::scene::placed::Placed;
-use std::borrow::Cow;
+use crate::scene::state::Stand;
 
 /// A part of an instance, by the indices of both: [`Members`] bounds the number of instances.
 pub(super) type PartKey = [u32; 2];
@@ -88,32 +89,43 @@ impl<'a> Task<'a> {
     }
 
     /// Returns the pairs of placed trees that may have pairs of parts within the clearance of each other, in order.
-    pub fn tree_pairs(&self) -> Vec<[u32; 2]> {
-        let placed: Vec<Cow<Placed>> = (0..self.scene.placement.len()).map(|at| self.scene.placed(at)).collect();
-        let count = |p: &Placed| self.scene.models[p.model as usize].local_parts(p.tree);
-        let any = |members: &Members, p: &Placed| members.has_any(p.instance, p.first_part, count(p));
-        // Which of both sets each tree may have parts of.
-        let may: Vec<[bool; 2]> = placed
-            .iter()
-            .map(|p| {
-                let is_shown = self.scene.state_of(p.instance).look.visible && !p.bounds.is_empty();
-                [is_shown && any(&self.a, p), is_shown && any(self.b(), p)]
-            })
-            .collect();
+    pub fn tree_pairs(&self) -> Result<Vec<[u32; 2]>> {
+        let what = "a clash search";
+        // The placed trees that may have parts of either set: number, and the part if there is one. The sets bound the
+        // numbers.
+        let mut trees: Vec<(u32, Option<PartKey>)> = Vec::new();
+        let (mut boxes, mut may): (Vec<DBounds>, Vec<[bool; 2]>) = (Vec::new(), Vec::new());
+        for number in 0..self.scene.placement.len() {
+            let Stand { ids, state, .. } = self.scene.stand(number);
+            let count = self.scene.models[ids.model as usize].local_parts(ids.tree);
+            let any = |members: &Members| members.has_any(ids.instance, ids.first_part, count);
+            let has = if state.look.visible { [any(&self.a), any(self.b())] } else { [false; 2] };
+            if has == [false; 2] {
+                continue;
+            }
+            let placed = self.scene.placed(number);
+            if !placed.bounds.is_empty() {
+                make_room(&mut trees, 1, what)?;
+                make_room(&mut boxes, 1, what)?;
+                make_room(&mut may, 1, what)?;
+                trees.push((number as u32, (count == 1).then_some(key_of(&placed, ids.first_part))));
+                boxes.push(placed.bounds);
+                may.push(has);
+            }
+        }
         let mut pairs = Vec::new();
-        near_pairs(placed.iter().map(|p| p.bounds), &may, self.options.clearance, |x, y| {
+        near_pairs(boxes.iter().copied(), &may, self.options.clearance, |x, y| {
             // The pair of parts decides where each tree has one.
-            let part = |p: &Placed| (count(p) == 1).then_some(key_of(p, p.first_part));
-            let is_wanted = match (part(&placed[x]), part(&placed[y])) {
+            let is_wanted = match (trees[x].1, trees[y].1) {
                 (Some(a), Some(b)) => self.wants(a, b),
                 _ => true,
             };
             if is_wanted {
-                pairs.push([x.min(y) as u32, x.max(y) as u32]);
+                pairs.push([trees[x.min(y)].0, trees[x.max(y)].0]);
             }
         });
         pairs.sort_unstable();
-        pairs
+        Ok(pairs)
     }
 }
 

@@ -4,7 +4,7 @@ use super::Lacking;
 use crate::base::ids::BlockId;
 use crate::math::{Bounds, DBounds};
 use crate::scene::SceneState;
-use crate::scene::frame::Search;
+use crate::scene::frame::{Enters, Search};
 use crate::scene::walk::SceneView;
 use crate::structure::{Below, Place};
 use std::collections::HashSet;
@@ -22,8 +22,8 @@ pub(super) struct InBox {
     todo: Vec<Cell>,
     /// Visited cells with a missing block.
     waiting: Vec<Cell>,
-    /// Leaf blocks that were requested, each with its placed tree.
-    leaf_blocks: HashSet<(u64, u32)>,
+    /// Leaf blocks that were requested, each with its model.
+    leaf_blocks: HashSet<(u32, u32)>,
 }
 
 /// A cell of a placed tree.
@@ -51,29 +51,32 @@ impl InBox {
             return self.todo.append(&mut self.waiting);
         }
         self.is_begun = true;
-        self.search = Search::begin(scene);
+        self.search = Search::begin(scene, Enters::All);
     }
 
-    /// The next cell to visit: one that was queued, or else the root of the next placed tree.
-    fn next(&mut self, scene: &SceneState) -> Option<Cell> {
+    /// Queues the root of the next placed tree; false: there are no more.
+    fn begin_next(&mut self, scene: &SceneState) -> bool {
         let Self { bounds, cell, search, todo, .. } = self;
         let is_near = |b: &DBounds| bounds.overlaps(b) && longest(b) > *cell;
-        while todo.is_empty() {
-            let number = search.next(scene, is_near)?;
-            let placed = scene.placed(number);
-            if is_near(&placed.bounds) {
-                let root = scene.models[placed.model as usize].trees()[placed.tree as usize].root();
-                let length = longest(&placed.bounds) as f32;
-                todo.extend(root.map(|place| Cell { placed: number, place, length, is_leaf: false }));
-            }
+        let Some(number) = search.next(scene, is_near) else { return false };
+        let placed = scene.placed(number);
+        if is_near(&placed.bounds) {
+            let root = scene.models[placed.model as usize].trees()[placed.tree as usize].root();
+            let length = longest(&placed.bounds) as f32;
+            todo.extend(root.map(|place| Cell { placed: number, place, length, is_leaf: false }));
         }
-        todo.pop()
+        true
     }
 
-    /// Visits up to [`PIECE`] cells. Returns true if there is more to visit in this pass.
+    /// Visits up to [`PIECE`] cells and placed trees. Returns true if there is more to visit in this pass.
     pub fn step(&mut self, view: &SceneView, lacking: &mut Lacking) -> bool {
         for _ in 0..PIECE {
-            let Some(cell) = self.next(view.scene) else { return false };
+            let Some(cell) = self.todo.pop() else {
+                if self.begin_next(view.scene) {
+                    continue;
+                }
+                return false;
+            };
             if !self.visit(view, cell) {
                 lacking.add(view.need(cell.placed, BlockId(cell.place.block)), cell.length);
                 self.waiting.push(cell);
@@ -98,7 +101,7 @@ impl InBox {
             }
             // No cells are below leaves. The first node above a missing leaf block requests the block, once.
             let is_here = is_leaf && tree.snapshot().block(BlockId(place.block)).is_some();
-            if !is_leaf || !is_here && leaf_blocks.insert((cell.placed, place.block)) {
+            if !is_leaf || !is_here && leaf_blocks.insert((placed.model, place.block)) {
                 todo.push(Cell { place, length: length as f32, is_leaf, ..cell });
             }
         };
