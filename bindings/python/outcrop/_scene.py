@@ -92,9 +92,10 @@ class Scene(Queries, Clashes, Distances):
         if whole("mask", mask, 32) == 0:
             raise ValueError("mask: 0 hides the instances from all rays; use set_mask or set_look")
         prototypes = (c.c_void_p * len(listed))(*[model._h._as_parameter_ for model in listed])
-        given = (c.addressof(prototypes), len(listed))
+        names = ("scenes", "scene_count") if are_scenes else ("prototypes", "prototype_count")
+        given = dict(zip(names, (c.addressof(prototypes), len(listed))))
         lib.oc_scene_add_instances(self._h, c.byref(_abi.oc_instances(
-            form=form, **dict(zip(("scenes", "scene_count") if are_scenes else ("prototypes", "prototype_count"), given)),
+            form=form, **given,
             prototype_of=None if which is None else address(which), transforms=address(packed), count=len(packed),
             first_id=whole("first_id", first_id), mask=mask)))
 
