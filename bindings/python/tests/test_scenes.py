@@ -122,6 +122,31 @@ def test_scenes_in_scenes(context: outcrop.Context, tetra: outcrop.Model) -> Non
             outer.path(7)
 
 
+def test_arrays_of_scenes(context: outcrop.Context, tetra: outcrop.Model) -> None:
+    places = numpy.zeros(4, outcrop.PLACE)
+    places["position"][:, 0] = 3 * numpy.arange(4)
+    places["rotation"][:, 3] = places["scale"] = 1
+    over = [(3 * i + 0.1, 0.1, 9) for i in range(4)]
+    with context.scene([]) as outer, context.scene([tetra]) as inner, context.scene([]) as empty:
+        with outer.edit():
+            outer.add_instances([inner, empty], places, model_of=[0, 1, 0, 0], first_id=20)
+        hits = outer.closest(over, DOWN)
+        assert hits["kind"].astype(bool).tolist() == [True, False, True, True]
+        assert [outer.path(hits[i]["occurrence"])[0] for i in (0, 2, 3)] == [[20, 1], [22, 1], [23, 1]]
+        with outer.edit():
+            outer.set_occurrence_look(hits[2]["occurrence"], hidden=True)
+        assert outer.closest(over, DOWN)["kind"].astype(bool).tolist() == [True, False, False, True]
+        with outer.edit():
+            outer.set_occurrence_look(hits[2]["occurrence"])
+        assert outer.closest(over, DOWN)["kind"].astype(bool).tolist() == [True, False, True, True]
+        with pytest.raises(TypeError, match="not both"):
+            outer.add_instances([inner, tetra], places, first_id=50)  # type: ignore[arg-type]
+        with pytest.raises(outcrop.ArgumentError, match="in itself"):
+            inner.add_instances(outer, places, first_id=50)
+        with pytest.raises(outcrop.ArgumentError, match="no occurrence 9"):
+            outer.set_occurrence_look(9)
+
+
 def test_instances(context: outcrop.Context, tetra: outcrop.Model, tmp_path: Path) -> None:
     place = numpy.eye(4)
     place[0, 3] = 10
@@ -143,7 +168,7 @@ def test_instances(context: outcrop.Context, tetra: outcrop.Model, tmp_path: Pat
         with pytest.raises(outcrop.ArgumentError, match="5"):
             scene.remove(5)
         with pytest.raises(TypeError, match=r"instances\[0\]: expected a Model"):
-            context.scene([("a", 3)])  # type: ignore[list-item]
+            context.scene([("a", 3)])  # type: ignore[arg-type]
 
         context.build(tmp_path / "new.oc", outcrop.Mesh(TETRA + numpy.float32(3), TETRA_FACES, id=7))
         with context.open(tmp_path / "new.oc") as other, scene.edit():
