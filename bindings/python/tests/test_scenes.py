@@ -168,7 +168,7 @@ def test_instances(context: outcrop.Context, tetra: outcrop.Model, tmp_path: Pat
         with pytest.raises(outcrop.ArgumentError, match="5"):
             scene.remove(5)
         with pytest.raises(TypeError, match=r"instances\[0\]: expected a Model"):
-            context.scene([("a", 3)])  # type: ignore[arg-type]
+            context.scene([("a", 3)])  # type: ignore[list-item]
 
         context.build(tmp_path / "new.oc", outcrop.Mesh(TETRA + numpy.float32(3), TETRA_FACES, id=7))
         with context.open(tmp_path / "new.oc") as other, scene.edit():
