@@ -407,11 +407,9 @@ class scene : public scene_handle {
     /// Adds many instances of one model; `Transform` is oc_place, std::array<double, 12> or std::array<float, 12>.
     template <class Transform>
     void add_instances(const model &m, const std::vector<Transform> &transforms, std::uint64_t first_id) {
-        auto all = init<oc_instances>();
         const oc_model *prototype = m.get();
-        all.form = form_of(transforms.data());
+        auto all = instances(transforms, first_id);
         all.prototypes = &prototype, all.prototype_count = 1;
-        all.transforms = transforms.data(), all.count = transforms.size(), all.first_id = first_id;
         add_instances(all);
     }
     /// Moves instances of an array with consecutive ids.
@@ -422,11 +420,9 @@ class scene : public scene_handle {
     /// Adds a scene many times; `Transform` as for models.
     template <class Transform>
     void add_instances(const scene &inner, const std::vector<Transform> &transforms, std::uint64_t first_id) {
-        auto all = init<oc_instances>();
         const oc_scene *prototype = inner.get();
-        all.form = form_of(transforms.data());
+        auto all = instances(transforms, first_id);
         all.scenes = &prototype, all.scene_count = 1;
-        all.transforms = transforms.data(), all.count = transforms.size(), all.first_id = first_id;
         add_instances(all);
     }
     void add_instances(const oc_instances &all) { check(oc_scene_add_instances(get(), &all)); }
@@ -613,6 +609,13 @@ class scene : public scene_handle {
     }
 
   private:
+    template <class Transform>
+    static oc_instances instances(const std::vector<Transform> &transforms, std::uint64_t first_id) {
+        auto all = init<oc_instances>();
+        all.form = form_of(transforms.data());
+        all.transforms = transforms.data(), all.count = transforms.size(), all.first_id = first_id;
+        return all;
+    }
     static oc_transform_form form_of(const oc_place *) { return OC_TRANSFORM_PLACE; }
     static oc_transform_form form_of(const std::array<double, 12> *) { return OC_TRANSFORM_AFFINE_F64; }
     static oc_transform_form form_of(const std::array<float, 12> *) { return OC_TRANSFORM_AFFINE_F32; }

@@ -256,7 +256,17 @@ fn hidden_scenes_are_passed_by() {
         Camera::Orthographic { height, .. } => assert!((height - 0.4).abs() < 1e-3, "{height}"),
         other => panic!("{other:?}"),
     }
+    // Nothing is beside a hidden scene.
+    let alone = Scene::new(&context);
+    alone.add_scene(&dust, 1, DAffine3::IDENTITY).expect("a scene");
+    alone.set_instance_look(1, hidden).expect("a look");
+    alone.commit().expect("a commit");
+    for coherent in [false, true] {
+        let hits = closest(&alone.state(), &rays, coherent);
+        assert!(hits.iter().all(|hit| hit.kind == HitKind::Miss));
+    }
     let all = DBounds { min: DVec3::splat(-2.0), max: DVec3::splat(2.0) };
+    assert!(alone.state().overlap_box(&all).expect("parts").is_empty());
     let parts = state.overlap_box(&all).expect("parts");
     assert!(parts.len() == 1 && parts[0].instance == 9, "{parts:?}");
     let options = FrameOptions { width: 48, height: 32, ..FrameOptions::default() };

@@ -129,7 +129,7 @@ pub fn closest(state: &SceneState, rays: &[Ray], coherent: bool) -> Vec<Hit> {
 /// Five levels, also 10⁷ from zero: the same hits, occurrences, ways and looks as in one scene. Rounding of the
 /// transforms' products is the only difference.
 #[test]
-fn scenes_in_scenes_are_flattened() {
+fn scenes_in_scenes_equal_one_flat_scene() {
     let context = built::context(1);
     let file = built::parts(&[Part::white(5, scenes::bumpy_sphere(8, 12, 3)), Part::white(6, scenes::sphere(6, 8))]);
     let model = Model::open(&context, &file.path).expect("a model");

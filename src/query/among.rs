@@ -4,7 +4,7 @@ use super::part_set::{Members, PartSet};
 use crate::base::error::Result;
 use crate::base::memory::make_room;
 use crate::math::DBounds;
-use crate::scene::frame::{Enters, NodeRef, Target};
+use crate::scene::frame::{NodeRef, Scenes, Target};
 use crate::scene::top::TopTree;
 use crate::scene::walk::SceneView;
 use crate::scene::{SceneState, blocks_with};
@@ -57,7 +57,7 @@ impl<'a> Among<'a> {
     /// The root of the tree over placed trees that may have members.
     pub fn root(&self) -> Option<Target> {
         match &self.top {
-            None => self.scene.root(Enters::VISIBLE),
+            None => self.scene.root(Scenes::VISIBLE),
             Some(top) => top.root().map(Target::from),
         }
     }
@@ -66,7 +66,7 @@ impl<'a> Among<'a> {
     #[inline]
     pub fn children(&self, node: NodeRef, mut visit: impl FnMut(Target, DBounds)) {
         match &self.top {
-            None => self.scene.children(node, Enters::VISIBLE, visit),
+            None => self.scene.children(node, Scenes::VISIBLE, visit),
             Some(top) => top.children(node.node(), |child, bounds| visit(child.into(), bounds)),
         }
     }

@@ -9,7 +9,7 @@ use crate::base::progress::Cancel;
 use crate::math::Bounds;
 use crate::residency::{Kept, Lease};
 use crate::scene::SceneState;
-use crate::scene::frame::Enters;
+use crate::scene::frame::Scenes;
 use crate::scene::model::KeptSets;
 use crate::scene::model::Model;
 use crate::scene::placed::Placed;
@@ -299,7 +299,7 @@ impl SceneState {
             return wrong("it needs a position, and the ids of instance, part and primitive");
         }
         // Of coincident trees the first counts.
-        let mut numbers: Vec<u64> = self.placed_in(Enters::All, |b| holds(b, hit.position)).collect();
+        let mut numbers: Vec<u64> = self.placed_in(Scenes::All, |b| holds(b, hit.position)).collect();
         numbers.sort_unstable();
         for number in numbers {
             cancel.check()?;

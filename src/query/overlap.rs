@@ -7,7 +7,7 @@ use crate::base::error::{Error, Result};
 use crate::math::DBounds;
 use crate::scene::SceneState;
 use crate::scene::camera::PixelRays;
-use crate::scene::frame::Enters;
+use crate::scene::frame::Scenes;
 use crate::scene::placed::Placed;
 use crate::scene::walk::SceneView;
 use crate::structure::{Descent, Triangle};
@@ -82,7 +82,7 @@ impl SceneState {
 
     fn overlap(&self, volume: &Volume) -> Result<Vec<PartOverlap>> {
         let near = |p: &Placed| self.state_of(p.instance).look.visible && volume.may_meet(&p.bounds);
-        let mut trees = self.placed_in(Enters::VISIBLE, |b| volume.may_meet(b)).filter(|&i| near(&self.placed(i)));
+        let mut trees = self.placed_in(Scenes::VISIBLE, |b| volume.may_meet(b)).filter(|&i| near(&self.placed(i)));
         let mut met: BTreeMap<(u64, u32), bool> = BTreeMap::new();
         while let Some(some) = next_trees(&mut trees) {
             let found = sweep(self, &some, Policy::Exact, &|view, visit, left, met: &mut BTreeMap<u32, bool>| {
@@ -135,7 +135,7 @@ impl SceneState {
         }
         let concerned = |p: &Placed| doubtful.get(&p.instance).is_some_and(|d| d.1.overlaps(&p.bounds));
         let around = doubtful.values().fold(DBounds::EMPTY, |all, d| all.union(d.1));
-        let mut trees = self.placed_in(Enters::VISIBLE, |b| around.overlaps(b)).filter(|&i| concerned(&self.placed(i)));
+        let mut trees = self.placed_in(Scenes::VISIBLE, |b| around.overlaps(b)).filter(|&i| concerned(&self.placed(i)));
         while let Some(some) = next_trees(&mut trees) {
             let found = sweep(self, &some, Policy::Exact, &|view, visit, left, refuted: &mut BTreeSet<u32>| {
                 let (parts, bounds) = &doubtful[&self.ids_of(some[visit]).instance];

@@ -27,7 +27,7 @@ use crate::residency::{ForRequest, View, ViewState, Wanted};
 use crate::scene::LightKind;
 use crate::scene::SceneState;
 use crate::scene::camera::PixelRays;
-use crate::scene::frame::Enters;
+use crate::scene::frame::Scenes;
 use crate::scene::placed::Placed;
 use crate::scene::walk::{Need, SceneView, Snapshots};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
@@ -479,7 +479,7 @@ fn is_fine(scene: &SceneState, rays: &PixelRays) -> bool {
     }
     let is_too_far = |p: &Placed| p.is_far(eye) && rays.needs_rest((p.bounds.center() - eye).length());
     let may_be = |b: &DBounds| rays.needs_rest((b.max - eye).abs().max((b.min - eye).abs()).length());
-    scene.placed_in(Enters::VISIBLE, may_be).any(|number| is_too_far(&scene.placed(number)))
+    scene.placed_in(Scenes::VISIBLE, may_be).any(|number| is_too_far(&scene.placed(number)))
 }
 
 impl Work for Request {

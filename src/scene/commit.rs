@@ -75,9 +75,9 @@ impl Scene {
             singles.push(Instance { id: it.id, model: index_of(&it.model), world_from_model: it.world_from_model });
             states.singles.push(it.state.committed());
         }
-        let of_array = |it: &DraftArray| it.models.iter().map(&mut index_of).collect::<Vec<u32>>();
+        let of_array = |it: &DraftArray<Model>| it.prototypes.iter().map(&mut index_of).collect::<Vec<u32>>();
         let models_of: Vec<Vec<u32>> = draft.arrays.iter().map(of_array).collect();
-        let of_members = |it: &DraftArray| {
+        let of_members = |it: &DraftArray<Model>| {
             let own = it.own.iter().map(|(&member, state)| (member, state.committed())).collect();
             ArrayStates { common: it.common.committed(), own }
         };
@@ -145,14 +145,14 @@ impl Placing {
         let mut bytes = singles * size_of::<Placed>() + size_of::<u32>() * draft.instances.len();
         let mut count = singles;
         for it in &draft.arrays {
-            let of_models: Vec<usize> = it.models.iter().map(|model| model.placements().count()).collect();
+            let of_models: Vec<usize> = it.prototypes.iter().map(|model| model.placements().count()).collect();
             let trees: usize = if it.has_one_each() {
                 it.array.len() as usize
             } else {
                 it.array.prototypes().map(|at| of_models[at]).sum()
             };
             let starts = if it.has_one_each() { 0 } else { it.array.len() as usize + 1 };
-            let prototypes: u64 = it.models.iter().map(Prototype::bytes).sum();
+            let prototypes: u64 = it.prototypes.iter().map(Prototype::bytes).sum();
             bytes += trees * size_of::<Measures>() + starts * size_of::<u32>() + prototypes as usize;
             count += trees;
         }
@@ -236,10 +236,14 @@ fn all_measures<I: Iterator<Item = DMat3>>(count: usize, linear: impl Fn() -> I)
 
 /// The placed trees of an array, and their number. `models`: the indices of its models; `first`: the numbers of its
 /// first tree and instance.
-fn placed_array(it: &DraftArray, models: &[u32], [first, first_instance]: [u32; 2]) -> Result<(PlacedArray, u32)> {
+fn placed_array(
+    it: &DraftArray<Model>,
+    models: &[u32],
+    [first, first_instance]: [u32; 2],
+) -> Result<(PlacedArray, u32)> {
     let what = "the placed trees of a scene";
     let prototype = |(&model, it): (&u32, &Model)| Prototype { model, places: it.placements().collect() };
-    let prototypes: Arc<[Prototype]> = models.iter().zip(&it.models).map(prototype).collect();
+    let prototypes: Arc<[Prototype]> = models.iter().zip(&it.prototypes).map(prototype).collect();
     let array = Arc::clone(&it.array);
     let (mut starts, mut count) = (Vec::new(), array.len() as usize);
     if !it.has_one_each() {

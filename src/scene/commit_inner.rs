@@ -1,6 +1,7 @@
 //! The commit of scenes in a scene: where they stand, and the states of what is in them.
 
-use super::draft::{Draft, DraftSceneArray, DraftState};
+use super::draft::{Draft, DraftArray, DraftState};
+use super::edit::Scene;
 use super::frame::bounds_of_scene;
 use super::inner::{Counts, Inner, PlacedScene, PlacedSceneArray, Prototype};
 use super::model::Model;
@@ -25,11 +26,11 @@ pub(super) struct InnerScenes {
 
 impl InnerScenes {
     pub fn of(draft: &Draft) -> Self {
-        let arrays = draft.scene_arrays.iter().map(|it| it.scenes.iter().map(|scene| scene.state()).collect());
+        let arrays = draft.scene_arrays.iter().map(|it| it.prototypes.iter().map(|scene| scene.state()).collect());
         Self { singles: draft.scenes.values().map(|it| it.scene.state()).collect(), arrays: arrays.collect() }
     }
 
-    /// Each once, however often it is in the scene.
+    /// Single ones, then the prototypes of arrays.
     pub fn all(&self) -> impl Iterator<Item = &Arc<SceneState>> {
         self.singles.iter().chain(self.arrays.iter().flatten())
     }
@@ -69,7 +70,7 @@ impl InnerScenes {
     pub fn state_bytes(&self, draft: &Draft) -> u64 {
         let of = |it: &SceneState| it.states.bytes(&mut HashSet::new());
         let singles = draft.scenes.values().zip(&self.singles).filter(|(it, _)| !it.state.is_plain());
-        let of_array = |(it, scenes): (&DraftSceneArray, &Vec<Arc<SceneState>>)| {
+        let of_array = |(it, scenes): (&DraftArray<Scene>, &Vec<Arc<SceneState>>)| {
             let common: u64 = if it.common.is_plain() { 0 } else { scenes.iter().map(|it| of(it)).sum() };
             let own = it.own.keys().map(|member| of(&scenes[it.array.prototype_of(*member) as usize]));
             common + own.sum::<u64>()

@@ -21,9 +21,9 @@ pub(super) struct Draft {
     pub(super) instances: Vec<Option<Draftee>>,
     /// Index in `instances` of each id.
     pub(super) index: HashMap<u64, usize>,
-    pub(super) arrays: Vec<DraftArray>,
+    pub(super) arrays: Vec<DraftArray<Model>>,
     /// Arrays of scenes.
-    pub(super) scene_arrays: Vec<DraftSceneArray>,
+    pub(super) scene_arrays: Vec<DraftArray<Scene>>,
     pub(super) occurrences: OccurrenceLooks,
     /// Scenes in this one, in the order added.
     pub(super) scenes: BTreeMap<u64, DraftScene>,
@@ -71,21 +71,10 @@ pub(super) struct DraftScene {
     pub state: DraftState,
 }
 
-/// An array of instances in the next commit.
-pub(super) struct DraftArray {
+/// An array of instances in the next commit; `P`: models, or scenes.
+pub(super) struct DraftArray<P> {
     pub array: Arc<Array>,
-    pub models: Vec<Model>,
-    /// The state of members that have none of their own.
-    pub common: DraftState,
-    pub own: HashMap<u32, DraftState>,
-    /// For the states of its own.
-    pub(super) memory: Kept,
-}
-
-/// An array of scenes in the next commit.
-pub(super) struct DraftSceneArray {
-    pub array: Arc<Array>,
-    pub scenes: Vec<Scene>,
+    pub prototypes: Vec<P>,
     /// The state of members that have none of their own.
     pub common: DraftState,
     pub own: HashMap<u32, DraftState>,
@@ -102,10 +91,20 @@ pub(super) enum ArrayKey {
     Scenes(usize),
 }
 
-impl DraftArray {
+impl<P> DraftArray<P> {
+    /// The state of a member, to be edited.
+    fn state(&mut self, context: &Context, member: u32) -> Result<&mut DraftState> {
+        if !self.own.contains_key(&member) {
+            self.memory.grow_to(context.residency(), looks::WHAT, ((self.own.len() + 1) * OWN) as u64)?;
+        }
+        Ok(self.own.entry(member).or_insert_with(|| self.common.clone()))
+    }
+}
+
+impl DraftArray<Model> {
     /// True if each member has one tree.
     pub fn has_one_each(&self) -> bool {
-        self.models.iter().all(|model| model.placements().count() == 1)
+        self.prototypes.iter().all(|model| model.placements().count() == 1)
     }
 }
 
@@ -150,8 +149,8 @@ impl Draft {
     pub(super) fn states(&mut self) -> impl Iterator<Item = (&Model, &mut DraftState)> {
         let singles = self.instances.iter_mut().flatten().map(|it| (&it.model, &mut it.state));
         let members = self.arrays.iter_mut().flat_map(|it| {
-            let DraftArray { array, models, own, .. } = it;
-            own.iter_mut().map(|(&member, state)| (&models[array.prototype_of(member) as usize], state))
+            let DraftArray { array, prototypes, own, .. } = it;
+            own.iter_mut().map(|(&member, state)| (&prototypes[array.prototype_of(member) as usize], state))
         });
         singles.chain(members)
     }
@@ -213,7 +212,7 @@ impl Draft {
         match self.member(id) {
             Some((ArrayKey::Models(array), member)) => {
                 let it = &self.arrays[array];
-                Ok(&it.models[it.array.prototype_of(member) as usize])
+                Ok(&it.prototypes[it.array.prototype_of(member) as usize])
             }
             Some((ArrayKey::Scenes(_), _)) => is_scene(),
             None => Ok(&self.instance(id)?.model),
@@ -227,20 +226,10 @@ impl Draft {
             return Ok(&mut it.state);
         }
         let Some((array, member)) = self.member(id) else { return Ok(&mut self.instance(id)?.state) };
-        let (own, common, memory) = match array {
-            ArrayKey::Models(at) => {
-                let DraftArray { own, common, memory, .. } = &mut self.arrays[at];
-                (own, common, memory)
-            }
-            ArrayKey::Scenes(at) => {
-                let DraftSceneArray { own, common, memory, .. } = &mut self.scene_arrays[at];
-                (own, common, memory)
-            }
-        };
-        if !own.contains_key(&member) {
-            memory.grow_to(context.residency(), looks::WHAT, ((own.len() + 1) * OWN) as u64)?;
+        match array {
+            ArrayKey::Models(at) => self.arrays[at].state(context, member),
+            ArrayKey::Scenes(at) => self.scene_arrays[at].state(context, member),
         }
-        Ok(own.entry(member).or_insert_with(|| common.clone()))
     }
 
     /// Removes the gaps that removed instances left.

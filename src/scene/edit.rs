@@ -2,7 +2,7 @@
 
 use super::array::{Array, Instances, Prototypes, Transforms};
 use super::context::Context;
-use super::draft::{ArrayKey, Draft, DraftArray, DraftScene, DraftSceneArray, DraftState, Draftee};
+use super::draft::{ArrayKey, Draft, DraftArray, DraftScene, DraftState, Draftee};
 use super::light::{Background, Light};
 use super::looks::{Look, PartLooks};
 use super::measures::check_transform;
@@ -36,7 +36,7 @@ impl Drop for Inner {
     fn drop(&mut self) {
         let scenes_of = |inner: &mut Self| {
             let draft = inner.draft.get_mut().unwrap_or_else(PoisonError::into_inner);
-            let of_arrays = std::mem::take(&mut draft.scene_arrays).into_iter().flat_map(|it| it.scenes);
+            let of_arrays = std::mem::take(&mut draft.scene_arrays).into_iter().flat_map(|it| it.prototypes);
             std::mem::take(&mut draft.scenes).into_values().map(|it| it.scene).chain(of_arrays).collect::<Vec<Scene>>()
         };
         let mut todo: Vec<Scene> = scenes_of(self);
@@ -143,9 +143,9 @@ impl Scene {
         let common = DraftState { mask: instances.mask, ..DraftState::plain(&draft.plain) };
         let (own, memory) = (HashMap::new(), Kept::default());
         match instances.prototypes.clone() {
-            Prototypes::Models(models) => draft.arrays.push(DraftArray { array, models, common, own, memory }),
-            Prototypes::Scenes(scenes) => {
-                draft.scene_arrays.push(DraftSceneArray { array, scenes, common, own, memory });
+            Prototypes::Models(prototypes) => draft.arrays.push(DraftArray { array, prototypes, common, own, memory }),
+            Prototypes::Scenes(prototypes) => {
+                draft.scene_arrays.push(DraftArray { array, prototypes, common, own, memory });
             }
         }
         draft.moved = true;
@@ -188,7 +188,7 @@ impl Scene {
             }
             if seen.insert(Arc::as_ptr(&scene.0)) {
                 let draft = scene.draft();
-                let of_arrays = draft.scene_arrays.iter().flat_map(|it| &it.scenes);
+                let of_arrays = draft.scene_arrays.iter().flat_map(|it| &it.prototypes);
                 todo.extend(draft.scenes.values().map(|it| &it.scene).chain(of_arrays).cloned());
             }
         }

@@ -6,7 +6,7 @@
 
 use super::camera::{Camera, axes};
 use super::edit::{Scope, choose};
-use super::frame::{Enters, Search};
+use super::frame::{Scenes, Search};
 use super::model::Model;
 use super::state::{ROUGH, SceneState};
 use crate::base::error::{Error, Result};
@@ -168,7 +168,7 @@ impl SceneState {
                 self.support(instance, self.all_parts(instance), &mut supports);
             }
             if !self.placement.has_no_scenes() {
-                self.support_scenes(Search::begin(self, Enters::VISIBLE), None, [&mut supports, &mut rough])?;
+                self.support_scenes(Search::begin(self, Scenes::VISIBLE), None, [&mut supports, &mut rough])?;
             }
         } else {
             for (of, parts) in self.chosen(chosen)? {
@@ -183,7 +183,7 @@ impl SceneState {
                     },
                     Of::Scene(first) => {
                         let Some(it) = self.inner_of(first) else { continue };
-                        let search = Search::in_scene(self, it, Enters::VISIBLE);
+                        let search = Search::in_scene(self, it, Scenes::VISIBLE);
                         self.support_scenes(search, Some(&chosen), [&mut supports, &mut rough])?;
                     }
                 }

@@ -2,12 +2,12 @@
 //! trees. Nothing is stored for it: a scene's tree is the same in all places.
 
 use super::inner::Inner;
-use super::placed::Placed;
+use super::placed::{Placed, placed_bounds};
 use super::placement::Member;
 use super::state::{SceneState, States};
 use crate::math::DBounds;
 use crate::structure::{MemberChild, Members};
-use glam::DAffine3;
+use glam::{DAffine3, DVec3};
 use std::borrow::Cow;
 
 /// A node of a top tree.
@@ -53,12 +53,21 @@ impl FrameKey {
     pub const OUTERMOST: Self = Self { world_from_scene: None, first: 0, level: 0 };
 }
 
-/// What a scene leads to, if scenes with one member are passed by.
+/// A [`Target`] with its scene.
 pub(super) enum Fork<'a> {
-    /// A scene with several members.
-    Several(Frame<'a>),
+    /// A node of the top tree of a scene.
+    Node(Frame<'a>, u32),
     /// A placed tree, by its number.
     Placed(u64),
+}
+
+impl Fork<'_> {
+    fn target(&self) -> Target {
+        match *self {
+            Self::Node(Frame { first, level, .. }, node) => Target::Inner(NodeRef { first, level, node }),
+            Self::Placed(number) => Target::Placed(number),
+        }
+    }
 }
 
 impl<'a> Frame<'a> {
@@ -115,31 +124,16 @@ impl<'a> Frame<'a> {
         Some((members, boxes))
     }
 
-    /// The first member of scenes that have no other: the scene with several, or the placed tree; `None`: there is
-    /// nothing.
-    pub fn first_fork(mut self) -> Option<Fork<'a>> {
-        loop {
-            match self.scene.placement.top.root()? {
-                MemberChild::Node(_) => return Some(Fork::Several(self)),
-                MemberChild::Member(member) => match self.scene.placement.member(member) {
-                    Member::Placed(number) => return Some(Fork::Placed(self.first + u64::from(number))),
-                    Member::Scene(it) => self = self.inside(it),
-                },
-            }
-        }
-    }
-
-    /// The member or node that a child leads to; `None`: there is nothing below that `scenes` has.
-    fn target(mut self, mut child: MemberChild, scenes: Enters) -> Option<Target> {
+    /// Where a child leads to: scenes with one member are passed by. `None`: there is nothing below that `scenes` has.
+    #[inline]
+    pub fn fork(mut self, mut child: MemberChild, scenes: Scenes) -> Option<Fork<'a>> {
         loop {
             let member = match child {
-                MemberChild::Node(node) => {
-                    return Some(Target::Inner(NodeRef { first: self.first, level: self.level, node }));
-                }
+                MemberChild::Node(node) => return Some(Fork::Node(self, node)),
                 MemberChild::Member(member) => member,
             };
             match self.scene.placement.member(member) {
-                Member::Placed(number) => return Some(Target::Placed(self.first + u64::from(number))),
+                Member::Placed(number) => return Some(Fork::Placed(self.first + u64::from(number))),
                 Member::Scene(it) => self = self.inside(it),
             }
             if !scenes.has(self.states.seen_by) {
@@ -149,88 +143,84 @@ impl<'a> Frame<'a> {
         }
     }
 
-    /// The root of its tree; `None`: there is nothing in it.
-    fn root(self, scenes: Enters) -> Option<Target> {
-        self.target(self.scene.placement.top.root()?, scenes)
+    /// Where its root leads to; `None`: there is nothing in it.
+    #[inline]
+    pub fn root(self, scenes: Scenes) -> Option<Fork<'a>> {
+        self.fork(self.scene.placement.top.root()?, scenes)
     }
 
     /// Bounds in the world of a box of the scene, rounding included.
     pub fn bounds_in_world(&self, b: DBounds) -> DBounds {
-        self.world_from_scene.map_or(b, |map| placed_bounds(&b, &map))
+        self.world_from_scene.map_or(b, |map| placed_bounds(&b, &map, greatest(&b)))
     }
 
     /// Calls `visit` with the children of a node, at most eight, and their boxes in the world.
     #[inline]
-    fn children(self, node: u32, scenes: Enters, mut visit: impl FnMut(Target, DBounds)) {
+    fn children(self, node: u32, scenes: Scenes, mut visit: impl FnMut(Target, DBounds)) {
         self.scene.placement.top.children(node, |child, bounds| {
-            if let Some(target) = self.target(child, scenes) {
-                visit(target, self.bounds_in_world(bounds));
+            if let Some(fork) = self.fork(child, scenes) {
+                visit(fork.target(), self.bounds_in_world(bounds));
             }
         });
     }
 }
 
-/// Bounds of a box that was placed elsewhere, rounding included.
-fn placed_bounds(b: &DBounds, map: &DAffine3) -> DBounds {
-    if b.is_empty() {
-        return *b;
-    }
-    let size = b.min.abs().max(b.max.abs());
-    // The slack covers a few roundings of each coordinate's terms.
-    let slack = (map.translation.abs() + map.matrix3.abs() * size) * (16.0 * f64::EPSILON);
-    let placed = b.transformed(map);
-    DBounds { min: placed.min - slack, max: placed.max + slack }
+/// The greatest magnitudes of coordinates in a box.
+fn greatest(b: &DBounds) -> DVec3 {
+    b.min.abs().max(b.max.abs())
 }
 
 /// Bounds of all that rays may hit in a scene that is placed in another. They are those of the boxes below the root of
 /// its tree: around a turned scene they are tighter than around its box.
 pub(super) fn bounds_of_scene(scene: &SceneState, map: &DAffine3) -> DBounds {
     let top = &scene.placement.top;
-    let Some(MemberChild::Node(root)) = top.root() else { return placed_bounds(top.around(), map) };
+    let Some(MemberChild::Node(root)) = top.root() else {
+        return placed_bounds(top.around(), map, greatest(top.around()));
+    };
     let mut all = DBounds::EMPTY;
-    top.children(root, |_, b| all = all.union(placed_bounds(&b, map)));
+    top.children(root, |_, b| all = all.union(placed_bounds(&b, map, greatest(&b))));
     all
 }
 
 impl SceneState {
     /// The root of the trees over placed trees of all levels; `None`: there is nothing to hit.
     #[inline]
-    pub(crate) fn root(&self, scenes: Enters) -> Option<Target> {
-        Frame::outermost(self).root(scenes)
+    pub(crate) fn root(&self, scenes: Scenes) -> Option<Target> {
+        Frame::outermost(self).root(scenes).map(|fork| fork.target())
     }
 
     /// Calls `visit` with the children of a node, at most eight, and boxes around all that rays may hit there.
     #[inline]
-    pub(crate) fn children(&self, node: NodeRef, scenes: Enters, visit: impl FnMut(Target, DBounds)) {
+    pub(crate) fn children(&self, node: NodeRef, scenes: Scenes, visit: impl FnMut(Target, DBounds)) {
         Frame::with(self, node.level, node.first).children(node.node, scenes, visit);
     }
 
     /// The placed trees that are not in boxes outside of what `enters` accepts, in no order. It gets boxes around all
     /// that rays may hit. Placed trees that are hidden, though the scene that they are in is not, are among them.
-    pub(crate) fn placed_in(&self, scenes: Enters, enters: impl Fn(&DBounds) -> bool) -> impl Iterator<Item = u64> {
+    pub(crate) fn placed_in(&self, scenes: Scenes, enters: impl Fn(&DBounds) -> bool) -> impl Iterator<Item = u64> {
         let mut search = Search::begin(self, scenes);
         std::iter::from_fn(move || search.next(self, &enters))
     }
 }
 
-/// Which scenes a search enters.
+/// Which scenes in a scene a search enters.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(crate) enum Enters {
+pub(crate) enum Scenes {
     /// All, hidden ones too.
     #[default]
     All,
     /// Those with anything that rays with this mask see.
-    By(u32),
+    SeenBy(u32),
 }
 
-impl Enters {
+impl Scenes {
     /// Those with anything visible.
-    pub const VISIBLE: Self = Self::By(u32::MAX);
+    pub const VISIBLE: Self = Self::SeenBy(u32::MAX);
 
     fn has(self, seen_by: u32) -> bool {
         match self {
             Self::All => true,
-            Self::By(mask) => seen_by & mask != 0,
+            Self::SeenBy(mask) => seen_by & mask != 0,
         }
     }
 }
@@ -239,7 +229,7 @@ impl Enters {
 #[derive(Debug, Default)]
 pub(crate) struct Search {
     left: Vec<Target>,
-    scenes: Enters,
+    scenes: Scenes,
 }
 
 impl NodeRef {
@@ -260,20 +250,21 @@ impl From<MemberChild> for Target {
 }
 
 impl Search {
-    pub fn begin(scene: &SceneState, scenes: Enters) -> Self {
-        Self { left: Frame::outermost(scene).root(scenes).into_iter().collect(), scenes }
+    pub fn begin(scene: &SceneState, scenes: Scenes) -> Self {
+        Self { left: scene.root(scenes).into_iter().collect(), scenes }
     }
 
     /// Begins in one of the scenes in a scene.
-    pub(super) fn in_scene(scene: &SceneState, inner: Inner, scenes: Enters) -> Self {
-        Self { left: Frame::outermost(scene).inside(inner).root(scenes).into_iter().collect(), scenes }
+    pub(super) fn in_scene(scene: &SceneState, inner: Inner, scenes: Scenes) -> Self {
+        let root = Frame::outermost(scene).inside(inner).root(scenes);
+        Self { left: root.iter().map(Fork::target).collect(), scenes }
     }
 
     /// Begins again.
-    pub fn restart(&mut self, scene: &SceneState, scenes: Enters) {
+    pub fn restart(&mut self, scene: &SceneState, scenes: Scenes) {
         self.scenes = scenes;
         self.left.clear();
-        self.left.extend(Frame::outermost(scene).root(scenes));
+        self.left.extend(scene.root(scenes));
     }
 
     /// Ends the search.

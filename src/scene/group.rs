@@ -4,7 +4,7 @@
 
 use super::alike::Alike;
 use super::beam::Beam;
-use super::frame::{Enters, Target};
+use super::frame::{Scenes, Target};
 use super::packet::ScenePacket;
 use super::placed::Placed;
 use super::ray_rows::RayRows;
@@ -68,7 +68,8 @@ impl SceneView<'_> {
     pub fn entered(&self, beam: &Beam, t_max: f64, out: &mut Vec<Entered>) -> bool {
         out.clear();
         let around = *self.scene.placement.top.around();
-        let Some(root) = self.scene.root(Enters::All).filter(|_| beam.enter(&around, t_max).is_some()) else {
+        let Some(root) = self.scene.root(Scenes::SeenBy(beam.mask)).filter(|_| beam.enter(&around, t_max).is_some())
+        else {
             return true;
         };
         let mut todo = [(root, around); MOST_OPEN];
@@ -88,7 +89,7 @@ impl SceneView<'_> {
                     if count + MOST_CHILDREN > MOST_OPEN {
                         return false;
                     }
-                    self.scene.children(node, Enters::By(beam.mask), |child, bounds| {
+                    self.scene.children(node, Scenes::SeenBy(beam.mask), |child, bounds| {
                         if beam.enter(&bounds, t_max).is_some() {
                             todo[count] = (child, bounds);
                             count += 1;
@@ -127,7 +128,7 @@ impl Group {
     ) -> Option<Result<u32, Need>> {
         debug_assert!(view.within.is_none(), "a double-precision interval belongs to a single ray");
         // The lengths of the rays are ignored: most have no end.
-        let root = view.scene.root(Enters::All);
+        let root = view.scene.root(Scenes::All);
         if let (Some(Target::Placed(placed)), false) = (root, alike.is_one_start()) {
             // The tree finds out as fast as a beam of many origins whether any ray meets it.
             return self.trace_in::<ANY>(view, placed, (rays, count), alike, says);

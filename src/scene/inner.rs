@@ -77,12 +77,6 @@ pub(super) struct Prototype {
     pub models: Vec<u32>,
 }
 
-impl Prototype {
-    fn counts(&self) -> Counts {
-        self.scene.placement.count
-    }
-}
-
 /// Numbers of placed trees and of instances.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) struct Counts {
@@ -91,7 +85,7 @@ pub(super) struct Counts {
 }
 
 impl Counts {
-    /// The sum, or the greatest number.
+    /// The sum of these and so many times the others; at most the greatest number.
     pub fn plus(self, other: Self, times: u64) -> Self {
         Self {
             placed: self.placed.saturating_add(other.placed.saturating_mul(times)),
@@ -137,10 +131,7 @@ pub(super) struct PlacedSceneArray {
 }
 
 impl PlacedSceneArray {
-    /// Bytes of memory for each member, if prototypes differ in their numbers.
-    const START: usize = size_of::<Counts>();
-
-    /// Places an array. `first_member`: see there.
+    /// Places an array: see its fields.
     pub fn new(array: Arc<Array>, first: Counts, first_member: u32, prototypes: Arc<[Prototype]>) -> Result<Self> {
         let mut starts = Vec::new();
         if !are_alike(prototypes.iter().map(|it| &*it.scene)) {
@@ -148,7 +139,7 @@ impl PlacedSceneArray {
             let mut before = Counts::default();
             for at in array.prototypes() {
                 starts.push(before);
-                before = before.plus(prototypes[at].counts(), 1);
+                before = before.plus(prototypes[at].scene.placement.count, 1);
             }
         }
         Ok(Self { array, first, first_member, prototypes, starts: Arc::new(starts) })
@@ -157,7 +148,7 @@ impl PlacedSceneArray {
     /// Bytes of memory, in addition to the array's, with these prototypes.
     pub fn bytes(members: u32, scenes: &[Arc<SceneState>]) -> u64 {
         let of_models: usize = scenes.iter().map(|it| it.models.len() * size_of::<u32>()).sum();
-        let starts = if are_alike(scenes.iter().map(|it| &**it)) { 0 } else { members as usize * Self::START };
+        let starts = if are_alike(scenes.iter().map(|it| &**it)) { 0 } else { members as usize * size_of::<Counts>() };
         (of_models + starts) as u64
     }
 
@@ -170,16 +161,11 @@ impl PlacedSceneArray {
         array.prototypes().fold(none, |all, at| all.plus(scenes[at].placement.count, 1))
     }
 
-    /// Number of its members.
-    pub fn len(&self) -> u32 {
-        self.array.len()
-    }
-
     /// What is before a member.
     fn start(&self, member: u32) -> Counts {
         match self.starts.get(member as usize) {
             Some(start) => self.first.plus(*start, 1),
-            None => self.first.plus(self.prototypes[0].counts(), member.into()),
+            None => self.first.plus(self.prototypes[0].scene.placement.count, member.into()),
         }
     }
 
@@ -187,7 +173,7 @@ impl PlacedSceneArray {
     pub fn with(&self, number: u64, of: fn(&Counts) -> u64) -> u32 {
         let at = number - of(&self.first);
         if self.starts.is_empty() {
-            return (at / of(&self.prototypes[0].counts()).max(1)) as u32;
+            return (at / of(&self.prototypes[0].scene.placement.count).max(1)) as u32;
         }
         // Members with nothing in them begin where the next one does.
         self.starts.partition_point(|start| of(start) <= at) as u32 - 1

@@ -2,14 +2,13 @@
 //! the box of a placed tree, or of a scene in this one, go into it as a packet. Like the walk of a single ray, a packet
 //! can stop at a missing block and continue later.
 
-use super::frame::{Fork, Frame, FrameKey};
+use super::frame::{Fork, Frame, FrameKey, Scenes};
 use super::placed::{At, Placed};
-use super::placement::Member;
 use super::ray_rows::RayRows;
 use super::walk::{FirstCell, Found, NOTHING, SceneView, Step};
 use crate::math::{PACKET, Ray, bits};
 use crate::simd::Isa;
-use crate::structure::{LocalRay, LocalRays, Outcome, PacketWalk};
+use crate::structure::{LocalRay, LocalRays, MemberChild, Outcome, PacketWalk};
 use glam::Vec3;
 
 /// The state of a packet's rays in a scene. Reusable.
@@ -17,8 +16,8 @@ pub(crate) struct ScenePacket {
     /// The packet in top trees, at one for each level. The scene that it is in is the last of the first `depth`.
     levels: Vec<Box<Level>>,
     depth: usize,
-    /// A placed tree that nothing else is beside, and the rays that are to enter it.
-    only: Option<(u64, u32)>,
+    /// The placed tree that rays are to enter next, and these rays.
+    next: Option<(u64, u32)>,
     /// The placed tree that the packet is in.
     at: Option<u64>,
     /// The placement of each ray in that tree.
@@ -62,7 +61,7 @@ impl Default for ScenePacket {
         Self {
             levels: Vec::new(),
             depth: 0,
-            only: None,
+            next: None,
             at: None,
             moved: [At::NONE; PACKET],
             inside: 0,
@@ -92,23 +91,25 @@ impl ScenePacket {
     /// lost. It matters in trees that are far away.
     pub fn begin_fine(&mut self, view: &SceneView, rays: &[Ray; PACKET], rest: Option<&[Vec3; PACKET]>, active: u32) {
         self.rest = rest.copied();
-        (self.at, self.only, self.depth, self.active) = (None, None, 0, 0);
+        (self.at, self.next, self.depth, self.active) = (None, None, 0, 0);
         for (i, it) in rays.iter().enumerate() {
             self.rows.set(i, it);
             (self.best[i].t, self.best[i].placed, self.best[i].first_cell) = (it.t_max, NOTHING, FirstCell::NONE);
             self.far[i] = it.t_max;
             self.active |= (active >> i & u32::from(it.can_hit())) << i;
         }
-        self.enter(view, rays, Frame::outermost(view.scene), self.active);
+        let root = Frame::outermost(view.scene).root(seen_by_any(rays, self.active));
+        self.enter(view, rays, root, self.active);
     }
 
     /// Takes the rays of `among` into the tree of a scene, as far as they may meet something there.
-    fn enter(&mut self, view: &SceneView, rays: &[Ray; PACKET], frame: Frame, among: u32) {
-        let frame = match frame.first_fork() {
+    fn enter(&mut self, view: &SceneView, rays: &[Ray; PACKET], fork: Option<Fork>, among: u32) {
+        let frame = match fork {
             None => return,
-            Some(Fork::Placed(placed)) => return self.only = Some((placed, among)),
-            Some(Fork::Several(frame)) => frame,
+            Some(Fork::Placed(placed)) => return self.next = Some((placed, among)),
+            Some(Fork::Node(frame, _)) => frame,
         };
+        let among = bits(among).filter(|&i| rays[i].mask & frame.seen_by() != 0).fold(0, |all, i| all | 1 << i);
         let Some((members, boxes)) = frame.walked() else { return };
         let isa = view.scene.context().isa();
         let inside = self.take_into(isa, rays, &boxes, NOTHING, among, true);
@@ -164,6 +165,11 @@ impl ScenePacket {
     }
 }
 
+/// The scenes that some of the rays see.
+fn seen_by_any(rays: &[Ray; PACKET], among: u32) -> Scenes {
+    Scenes::SeenBy(bits(among).fold(0, |all, i| all | rays[i].mask))
+}
+
 impl SceneView<'_> {
     /// Traces the rays as a packet; finds the hits that [`SceneView::trace`] finds for each single ray.
     pub fn trace_packet<const ANY: bool>(&self, rays: &[Ray; PACKET], walk: &mut ScenePacket) -> Step {
@@ -197,11 +203,7 @@ impl SceneView<'_> {
                     level.follow(walk.inside, &walk.far, walk.active);
                 }
             }
-            let entered = match walk.only.take() {
-                None => self.next_of_packet(rays, walk),
-                only => only,
-            };
-            match entered {
+            match self.next_of_packet(rays, walk) {
                 Some((placed, among)) => self.enter_packet(rays, placed, among, walk),
                 None => return Step::Done,
             }
@@ -212,24 +214,17 @@ impl SceneView<'_> {
     fn next_of_packet(&self, rays: &[Ray; PACKET], walk: &mut ScenePacket) -> Option<(u64, u32)> {
         let isa = self.scene.context().isa();
         loop {
+            if let Some(next) = walk.next.take() {
+                return Some(next);
+            }
             let level = walk.levels[..walk.depth].last_mut()?;
             let frame = Frame::of(self.scene, &level.frame);
             let (members, _) = frame.scene.placement.top.walked()?;
             match members.tree(isa).closest_together(None, &mut level.walk) {
                 Outcome::Member(member) => {
                     let among = level.walk.at_member() & walk.active;
-                    match frame.scene.placement.member(member) {
-                        Member::Placed(number) => return Some((frame.first + u64::from(number), among)),
-                        Member::Scene(it) => {
-                            let inner = frame.inside(it);
-                            let sees = |i: &usize| rays[*i].mask & inner.seen_by() != 0;
-                            let among = bits(among).filter(sees).fold(0, |all, i| all | 1 << i);
-                            walk.enter(self, rays, inner, among);
-                        }
-                    }
-                    if let Some(only) = walk.only.take() {
-                        return Some(only);
-                    }
+                    let fork = frame.fork(MemberChild::Member(member), seen_by_any(rays, among));
+                    walk.enter(self, rays, fork, among);
                 }
                 // All blocks of this tree are in memory.
                 Outcome::Done | Outcome::Pending(_) => {

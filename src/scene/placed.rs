@@ -42,6 +42,18 @@ impl Deref for Placed {
     }
 }
 
+/// Bounds of a box that was placed elsewhere, rounding included. `greatest`: bounds of the magnitudes of its
+/// coordinates.
+pub(super) fn placed_bounds(b: &DBounds, map: &DAffine3, greatest: DVec3) -> DBounds {
+    let placed = b.transformed(map);
+    if placed.is_empty() {
+        return placed;
+    }
+    // The slack covers a few roundings of each coordinate's terms.
+    let slack = (map.translation.abs() + map.matrix3.abs() * greatest) * (16.0 * f64::EPSILON);
+    DBounds { min: placed.min - slack, max: placed.max + slack }
+}
+
 /// Growth of the bounds of triangles that makes them hold all that rays may hit, as a fraction of their extents. It
 /// applies where the tree's own boxes are unknown: planes of cells are rounded outward by less than a hundredth of
 /// their node's size.
@@ -117,13 +129,7 @@ impl Placed {
         let offset = world_from_mesh.transform_point3(tree.origin);
         let Measures { stretch, loss } = measures;
         let world = DAffine3 { matrix3: linear, translation: offset };
-        let mut bounds = tree.bounds.transformed(&world);
-        if !bounds.is_empty() {
-            // The slack covers a few roundings of each coordinate's terms.
-            let terms = offset.abs() + linear.abs() * DVec3::splat(f64::from(tree.max_coord));
-            let slack = terms * (16.0 * f64::EPSILON);
-            bounds = DBounds { min: bounds.min - slack, max: bounds.max + slack };
-        }
+        let bounds = placed_bounds(&tree.bounds, &world, DVec3::splat(f64::from(tree.max_coord)));
         let (inverse, unturned) = (linear.inverse(), linear == DMat3::IDENTITY);
         Self {
             ids,

@@ -243,7 +243,7 @@ impl Placement {
         self.scenes.is_empty() && self.scene_arrays.is_empty()
     }
 
-    /// All scenes in this one, each once, however often they are in it.
+    /// The single scenes in this one, then the prototypes of arrays.
     pub(super) fn inner_scenes(&self) -> impl Iterator<Item = &Arc<SceneState>> {
         let of_arrays = self.scene_arrays.iter().flat_map(|it| it.prototypes.iter());
         self.scenes.iter().map(|it| &it.of).chain(of_arrays).map(|it| &it.scene)
@@ -252,7 +252,7 @@ impl Placement {
     /// All scenes in this one, where they stand.
     pub(super) fn inners(&self) -> impl Iterator<Item = Inner<'_>> {
         let arrays = self.scene_arrays.iter().enumerate();
-        let of_arrays = arrays.flat_map(|(at, it)| (0..it.len()).map(move |member| it.inner(at, member)));
+        let of_arrays = arrays.flat_map(|(at, it)| (0..it.array.len()).map(move |member| it.inner(at, member)));
         self.scenes.iter().enumerate().map(|(at, it)| it.inner(at)).chain(of_arrays)
     }
 

@@ -1,7 +1,7 @@
 //! The committed, immutable state of a scene, which jobs read.
 
 use super::context::Context;
-use super::frame::{Enters, Search};
+use super::frame::{Scenes, Search};
 use super::inner::{Inner, InnerKey};
 use super::light::{Background, Light};
 use super::looks::{Look, PartsShown};
@@ -363,7 +363,7 @@ impl SceneState {
 
     /// [`SceneState::bounds`], with time for few of the placed trees.
     fn rough_bounds(&self) -> DBounds {
-        let (mut all, mut search) = (DBounds::EMPTY, Search::begin(self, Enters::All));
+        let (mut all, mut search) = (DBounds::EMPTY, Search::begin(self, Scenes::All));
         // Boxes hold all that rays may hit, which is a little more than the triangles. One that reaches but a little
         // beyond is taken as it is: otherwise all at the bounds would be visited.
         let mut boxes = DBounds::EMPTY;

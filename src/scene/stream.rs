@@ -5,7 +5,7 @@
 use super::alike::Alike;
 use super::beam::Beam;
 use super::box_ray::PacketBoxRays;
-use super::frame::{Enters, Target};
+use super::frame::{Scenes, Target};
 use super::group::Entered;
 use super::placed::At;
 use super::ray_rows::RayRows;
@@ -180,7 +180,7 @@ impl SceneView<'_> {
     /// those of [`SceneStream::hits_from`], and [`SceneStream::unfinished`] has the rays without an answer.
     pub fn trace_in_only<const ANY: bool>(&self, rays: &[Ray], walk: &mut SceneStream) -> Option<u64> {
         debug_assert!(self.within.is_none(), "a double-precision interval belongs to a single ray");
-        let Some(Target::Placed(placed)) = self.scene.root(Enters::All) else { return None };
+        let Some(Target::Placed(placed)) = self.scene.root(Scenes::All) else { return None };
         let seen_by = self.seen_by(placed);
         if rays.len() <= FEW || rays.iter().any(|ray| ray.mask & seen_by == 0) {
             return None;
@@ -228,7 +228,7 @@ impl SceneView<'_> {
         found.iter_mut().zip(rays).for_each(|(found, ray)| *found = Found::nothing(ray.t_max));
         let mut entering = std::mem::take(&mut walk.entering);
         entering.clear();
-        match self.scene.root(Enters::All) {
+        match self.scene.root(Scenes::All) {
             None => {}
             Some(Target::Placed(placed)) => {
                 walk.goes_on[..rays.len()].fill(false);

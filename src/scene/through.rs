@@ -3,7 +3,7 @@
 //! there decide exactly ([`Line`]): triangles that share corners agree on the ray, in whatever block or tree they are.
 
 use super::box_ray::BoxRay;
-use super::frame::{Enters, Search};
+use super::frame::{Scenes, Search};
 use super::state::SceneState;
 use super::walk::SceneView;
 use crate::geom::{Line, Side};
@@ -24,7 +24,7 @@ pub(crate) struct Entrances {
 impl Entrances {
     /// Begins with a ray.
     pub fn begin(&mut self, scene: &SceneState, ray: &Ray) {
-        if can_cross(ray) { self.left.restart(scene, Enters::By(ray.mask)) } else { self.left.end() }
+        if can_cross(ray) { self.left.restart(scene, Scenes::SeenBy(ray.mask)) } else { self.left.end() }
     }
 
     /// The next placed tree that the ray may enter and that it sees.

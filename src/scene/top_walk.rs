@@ -1,12 +1,11 @@
 //! The walk of a ray through the top trees of a scene and of the scenes in it, up to the next placed tree that it may
 //! enter.
 
-use super::frame::{Fork, Frame, FrameKey};
+use super::frame::{Fork, Frame, FrameKey, Scenes};
 use super::placed::At;
-use super::placement::Member;
 use super::walk::{NOTHING, SceneView};
 use crate::math::{Cone, Ray};
-use crate::structure::{LocalRay, Outcome, Walk};
+use crate::structure::{LocalRay, MemberChild, Outcome, Walk};
 
 /// A ray in top trees, at one for each level. Reusable.
 #[derive(Debug, Default)]
@@ -14,8 +13,8 @@ pub(super) struct TopWalk {
     /// The scene that the ray is in is the last of the first `depth`.
     levels: Vec<Level>,
     depth: usize,
-    /// The placed tree that the ray is to enter next: nothing else is in its scene.
-    only: Option<u64>,
+    /// The placed tree that the ray is to enter next.
+    next: Option<u64>,
 }
 
 /// A ray in a top tree.
@@ -33,21 +32,22 @@ impl TopWalk {
     pub fn begin(&mut self, view: &SceneView, ray: &Ray) {
         self.end();
         if ray.can_hit() {
-            self.enter(view, ray, Frame::outermost(view.scene), ray.t_max);
+            let root = Frame::outermost(view.scene).root(Scenes::SeenBy(ray.mask));
+            self.enter(view, ray, root, ray.t_max);
         }
     }
 
     /// Ends the walk.
     pub fn end(&mut self) {
-        (self.depth, self.only) = (0, None);
+        (self.depth, self.next) = (0, None);
     }
 
     /// Puts the ray into the tree of a scene, unless it certainly meets nothing there before `best`.
-    fn enter(&mut self, view: &SceneView, ray: &Ray, frame: Frame, best: f64) {
-        let frame = match frame.first_fork() {
+    fn enter(&mut self, view: &SceneView, ray: &Ray, fork: Option<Fork>, best: f64) {
+        let frame = match fork {
             None => return,
-            Some(Fork::Placed(number)) => return self.only = Some(number),
-            Some(Fork::Several(frame)) => frame,
+            Some(Fork::Placed(number)) => return self.next = Some(number),
+            Some(Fork::Node(frame, _)) => frame,
         };
         let Some((members, boxes)) = frame.walked() else { return };
         let mut local = LocalRay::NONE;
@@ -68,23 +68,18 @@ impl TopWalk {
     #[inline]
     pub fn next(&mut self, view: &SceneView, ray: &Ray, best: f64) -> Option<u64> {
         loop {
-            if let Some(only) = self.only.take() {
-                return Some(only);
+            if let Some(next) = self.next.take() {
+                return Some(next);
             }
             let level = self.levels[..self.depth].last_mut()?;
             let frame = Frame::of(view.scene, &level.frame);
             let (members, _) = frame.scene.placement.top.walked()?;
             level.walk.shorten(level.at.in_tree(best));
             match members.tree(view.scene.context().isa()).closest(None, &mut level.walk) {
-                Outcome::Member(member) => match frame.scene.placement.member(member) {
-                    Member::Placed(number) => return Some(frame.first + u64::from(number)),
-                    Member::Scene(it) => {
-                        let inner = frame.inside(it);
-                        if inner.seen_by() & ray.mask != 0 {
-                            self.enter(view, ray, inner, best);
-                        }
-                    }
-                },
+                Outcome::Member(member) => {
+                    let fork = frame.fork(MemberChild::Member(member), Scenes::SeenBy(ray.mask));
+                    self.enter(view, ray, fork, best);
+                }
                 // All blocks of this tree are in memory.
                 Outcome::Done | Outcome::Pending(_) => self.depth -= 1,
             }

@@ -4,7 +4,7 @@
 //! A hit is the least pair (t, number of the placed tree) of the hits in the trees. It does not depend on the order of
 //! visits, on packets or on interruptions.
 
-use super::frame::{Enters, Target};
+use super::frame::{Scenes, Target};
 use super::model::Model;
 use super::placed::At;
 use super::placement::PlacedIds;
@@ -374,7 +374,7 @@ impl<'a> SceneView<'a> {
     /// Finds the closest hit of a ray, or any hit if `ANY`; `None` if a block is missing.
     #[inline]
     pub fn trace_at_once<const ANY: bool>(&self, ray: &Ray, walk: &mut SceneWalk) -> Option<Found> {
-        if let Some(Target::Placed(placed)) = self.scene.root(Enters::All) {
+        if let Some(Target::Placed(placed)) = self.scene.root(Scenes::All) {
             return self.trace_in_only_tree::<ANY>(ray, placed, &mut walk.tree);
         }
         walk.begin(self, ray);

@@ -4,7 +4,7 @@ use super::Lacking;
 use crate::base::ids::BlockId;
 use crate::math::{Bounds, DBounds};
 use crate::scene::SceneState;
-use crate::scene::frame::{Enters, Search};
+use crate::scene::frame::{Scenes, Search};
 use crate::scene::walk::SceneView;
 use crate::structure::{Below, Place};
 use std::collections::HashSet;
@@ -51,7 +51,7 @@ impl InBox {
             return self.todo.append(&mut self.waiting);
         }
         self.is_begun = true;
-        self.search = Search::begin(scene, Enters::All);
+        self.search = Search::begin(scene, Scenes::All);
     }
 
     /// Queues the root of the next placed tree; false: there are no more.
