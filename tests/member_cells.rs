@@ -290,7 +290,7 @@ fn groups_of_groups_keep_the_promise() {
     }
     let inner = Group::new(&trees, inner);
     let own: Vec<Tri> = inner.members.iter().flat_map(|it| it.tris.iter().copied()).collect();
-    let look = inner.tree.appearance().expect("all members are described").clone();
+    let look = inner.tree.appearance().expect("all members are described").as_ref().clone();
     let mut rng = Rng::new(32);
     let outer: Vec<Member> = (0..80)
         .map(|_| {

@@ -49,7 +49,7 @@ impl<'a> Among<'a> {
                 among.blocks.insert(placed, blocks_with(model, p.tree, &has)?);
             }
         }
-        among.top = Some(TopTree::build(bounds)?);
+        among.top = Some(TopTree::build(bounds, 0.0, |_| None)?);
         among.members = Some(members);
         Ok(among)
     }

@@ -8,7 +8,7 @@ use super::hit::{Hit, HitKind, Want};
 use super::parked::Waits;
 use crate::math::{PACKET, Ray, STREAM, bits, first_rays};
 use crate::scene::stream::SceneStream;
-use crate::scene::walk::{Found, Need, SceneView, SceneWalk, Snapshots, Step};
+use crate::scene::walk::{Found, HitTree, Need, SceneView, SceneWalk, Snapshots, Step};
 use crate::scene::{Alike, Group as SceneGroup, SceneState};
 use std::ops::Range;
 
@@ -176,11 +176,12 @@ impl Chunk {
             for i in bits(misses) {
                 out[i] = missed(view, &rays[i], &found.found(i, placed, &rays[i], false), task.want);
             }
+            let id = HitTree::Placed(placed);
             let rest = if met == 0 {
                 Rest::default()
             } else {
                 self.seen.answer(
-                    &InTree { view, number: placed, placed: &view.scene.placed(placed) },
+                    &InTree { view, id, placed: &view.frame_of(id) },
                     task.want,
                     rays,
                     &found,
@@ -253,7 +254,7 @@ impl Chunk {
 
     /// Computes the answers of a group that went through one placed tree. Rays of `met` hit something.
     fn answer_in_one(&mut self, view: &SceneView, want: Want, placed: u64, rays: &[Ray], met: u32) -> Rest {
-        let Self { seen, group, answers, .. } = self;
+        let (Self { seen, group, answers, .. }, id) = (self, HitTree::Placed(placed));
         let misses = if want.has(Want::ERROR) { group.behind_cells() & !met & first_rays(rays.len()) } else { 0 };
         let out = answers.begin(met, misses);
         bits(misses).for_each(|i| out[i] = missed(view, &rays[i], &group.found(i, false), want));
@@ -261,7 +262,7 @@ impl Chunk {
             Rest::default()
         } else {
             seen.answer(
-                &InTree { view, number: placed, placed: &view.scene.placed(placed) },
+                &InTree { view, id, placed: &view.frame_of(id) },
                 want,
                 rays,
                 &*group,
@@ -396,7 +397,7 @@ fn finish_group(
     for i in bits(rest.lacking) {
         match task.policy {
             Policy::Exact => {
-                let asks = Asks::of(lacking(view, found[i].placed, &found[i].tri, task.want));
+                let asks = Asks::of(lacking(view, &found[i], task.want));
                 waiting.push(Waiting { ray: i, left: Left::Hit, asks });
             }
             Policy::Now => hits[i].kind = HitKind::Missing,
@@ -436,12 +437,12 @@ fn answer_by_trees(
 ) -> Rest {
     let (mut rest, mut left) = (Rest::default(), met);
     while left != 0 {
-        let placed = found[left.trailing_zeros() as usize].placed;
-        let like = bits(left).filter(|&i| found[i].placed == placed).fold(0, |all, i| all | 1 << i);
+        let id = found[left.trailing_zeros() as usize].tree;
+        let like = bits(left).filter(|&i| found[i].tree == id).fold(0, |all, i| all | 1 << i);
         left &= !like;
         if like.count_ones() > FEW {
             let more = seen.answer(
-                &InTree { view, number: placed, placed: &view.scene.placed(placed) },
+                &InTree { view, id, placed: &view.frame_of(id) },
                 want,
                 rays,
                 found,

@@ -48,7 +48,7 @@ fn behind_eye(scene: &SceneState, ray: &Ray) -> Option<f64> {
         return None;
     }
     let (triangle, _) = view.triangle(&found).ok()?;
-    let placed = scene.placed(found.placed);
+    let placed = scene.placed(found.placed());
     is_at_origin(&placed, &triangle.vertices, ray.origin).then(|| found.t + placed.extent() * LEAVE)
 }
 /// Greatest radius of [`pick_near`], in pixels.

@@ -63,6 +63,11 @@ impl Beam {
         Self::between(org, alike.dirs().map(|ends| ends.map(f64::from)), t_min, mask)
     }
 
+    /// The greatest distance of a ray's origin from a point of the box.
+    pub fn farthest(&self, b: &DBounds) -> f64 {
+        (b.max - self.org[0]).abs().max((b.min - self.org[1]).abs()).length()
+    }
+
     /// Returns a distance before which no ray enters the box; `None` if certainly no ray meets it up to `t_max`. In
     /// that case no direction of the beam is within the box on all axes at once.
     #[inline]

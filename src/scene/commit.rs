@@ -1,8 +1,10 @@
 //! The commit of a scene: the placement of all trees, and the states of all instances.
 
 use super::commit_inner::InnerScenes;
+use super::appearances::MemberLooks;
 use super::draft::{Draft, DraftArray, DraftScene, DraftState};
 use super::edit::Scene;
+use super::groups::Groups;
 use super::inner::Counts;
 use super::looks::PartsShown;
 use super::measures::Measures;
@@ -106,6 +108,7 @@ impl Scene {
             singles,
             states: Arc::new(states),
             placement,
+            groups: Groups::default(),
             lights: draft.lights.clone(),
             background: draft.background,
             _memory: memory,
@@ -116,6 +119,7 @@ impl Scene {
             Some(states) => states.occurrences = occurrences,
             None => return Err(Error::Internal("the states of a commit are shared".into())),
         }
+        state.groups = Groups::of(&state)?;
         Ok(state)
     }
 }
@@ -217,7 +221,10 @@ impl Placing {
         placement.bounds = if scenes.all().next().is_none() { around.into() } else { OnceLock::new() };
         let index_of = |model: &Model| models.iter().position(|it| it.same(model)).unwrap_or(0) as u32;
         scenes.place(draft, &mut placement, &mut hits, index_of)?;
-        placement.top = TopTree::build(hits)?;
+        let position_error = placement.position_error;
+        let looks = MemberLooks::of(&placement, models);
+        let top = TopTree::build(hits, position_error, |member| looks.look(member))?;
+        placement.top = top;
         memory.shrink_to(self.bytes - (self.members * Self::BUILD + left) as u64 + placement.top.bytes());
         placement.memory = Arc::new(memory);
         Ok(placement)

@@ -3,6 +3,7 @@
 use super::array::{Array, Instances, Prototypes, Transforms};
 use super::context::Context;
 use super::draft::{ArrayKey, Draft, DraftArray, DraftScene, DraftState, Draftee};
+use super::groups::Groups;
 use super::light::{Background, Light};
 use super::looks::{Look, PartLooks};
 use super::measures::check_transform;
@@ -61,6 +62,7 @@ impl Scene {
             models: Vec::new(),
             singles: Vec::new(),
             states: Arc::default(),
+            groups: Groups::default(),
             placement: Arc::default(),
             lights: lights.clone(),
             background,

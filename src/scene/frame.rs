@@ -2,11 +2,14 @@
 //! trees. Nothing is stored for it: a scene's tree is the same in all places.
 
 use super::inner::Inner;
+use super::measures::Measures;
 use super::placed::{Placed, placed_bounds};
 use super::placement::Member;
 use super::state::{SceneState, States};
+use super::walk::HitTree;
+use super::widths::least_width;
 use crate::math::DBounds;
-use crate::structure::{MemberChild, Members};
+use crate::structure::{MemberChild, Members, Tree};
 use glam::{DAffine3, DVec3};
 use std::borrow::Cow;
 
@@ -39,6 +42,8 @@ pub(super) struct Frame<'a> {
     pub first: u64,
     /// Number of scenes around it.
     level: u32,
+    /// True if single occurrences in it have looks of their own, which scenes around it give them.
+    has_looks: bool,
 }
 
 /// A frame without its scene, for walks that wait.
@@ -47,10 +52,11 @@ pub(super) struct FrameKey {
     world_from_scene: Option<DAffine3>,
     first: u64,
     level: u32,
+    has_looks: bool,
 }
 
 impl FrameKey {
-    pub const OUTERMOST: Self = Self { world_from_scene: None, first: 0, level: 0 };
+    pub const OUTERMOST: Self = Self { world_from_scene: None, first: 0, level: 0, has_looks: false };
 }
 
 /// A [`Target`] with its scene.
@@ -72,7 +78,7 @@ impl Fork<'_> {
 
 impl<'a> Frame<'a> {
     pub fn outermost(scene: &'a SceneState) -> Self {
-        Self { scene, states: &scene.states, world_from_scene: None, first: 0, level: 0 }
+        Self { scene, states: &scene.states, world_from_scene: None, first: 0, level: 0, has_looks: false }
     }
 
     /// The scene with placed tree `number` that has so many scenes around it.
@@ -84,20 +90,20 @@ impl<'a> Frame<'a> {
     /// The frame of `key`, which was made in the same scene.
     #[inline]
     pub fn of(scene: &'a SceneState, key: &FrameKey) -> Self {
-        let FrameKey { world_from_scene, first, level } = *key;
+        let FrameKey { world_from_scene, first, level, has_looks } = *key;
         let (mut inner, mut states, mut before) = (scene, &*scene.states, 0);
         for _ in 0..level {
             let it = inner.placement.scene_with(first - before);
             states = states.in_scene(&inner.placement, &it);
             (inner, before) = (it.scene, before + it.first);
         }
-        Self { scene: inner, states, world_from_scene, first, level }
+        Self { scene: inner, states, world_from_scene, first, level, has_looks }
     }
 
     /// See [`FrameKey`].
     pub fn key(&self) -> FrameKey {
-        let Self { world_from_scene, first, level, .. } = *self;
-        FrameKey { world_from_scene, first, level }
+        let Self { world_from_scene, first, level, has_looks, .. } = *self;
+        FrameKey { world_from_scene, first, level, has_looks }
     }
 
     /// A scene in this one.
@@ -105,7 +111,8 @@ impl<'a> Frame<'a> {
         let map = self.world_from_scene.map_or(it.world_from_scene(), |outer| outer * it.world_from_scene());
         let states = self.states.in_scene(&self.scene.placement, &it);
         let (first, level) = (self.first + it.first, self.level + 1);
-        Self { scene: it.scene, states, world_from_scene: Some(map), first, level }
+        let has_looks = self.has_looks || self.states.has_occurrence_of(&it);
+        Self { scene: it.scene, states, world_from_scene: Some(map), first, level, has_looks }
     }
 
     /// The mask of the rays that see anything in the scene.
@@ -116,12 +123,40 @@ impl<'a> Frame<'a> {
     /// The tree over its members, if it has more than one, and the frame of the boxes there.
     #[inline]
     pub fn walked(&self) -> Option<(&'a Members, Cow<'a, Placed>)> {
-        let (members, boxes) = self.scene.placement.top.walked()?;
+        let (members, boxes) = self.scene.top().walked()?;
         let boxes = match &self.world_from_scene {
             None => Cow::Borrowed(boxes),
             Some(map) => Cow::Owned(boxes.inside(map)),
         };
         Some((members, boxes))
+    }
+
+    /// The tree over its members, if it has more than one.
+    #[inline]
+    pub fn tree(&self) -> Option<Tree<'a>> {
+        let isa = self.scene.context().isa();
+        self.scene.top().walked().map(|(members, _)| members.tree(isa))
+    }
+
+    /// True if stand-ins for several members show what is there: it looks here as it was committed.
+    #[inline]
+    pub fn has_cells(&self) -> bool {
+        self.scene.groups.stand_in && !self.has_looks && std::ptr::eq(self.states, &*self.scene.states)
+    }
+
+    /// The tree over its members, for hits.
+    #[inline]
+    pub fn hit_tree(&self) -> HitTree {
+        HitTree::Top { first: self.first, level: self.level }
+    }
+
+    /// The number of the first placed tree of a member.
+    pub fn first_in(&self, member: u32) -> u64 {
+        let first = match self.scene.placement.member(member) {
+            Member::Placed(number) => u64::from(number),
+            Member::Scene(it) => it.first,
+        };
+        self.first + first
     }
 
     /// Where a child leads to: scenes with one member are passed by. `None`: there is nothing below that `scenes` has.
@@ -154,12 +189,22 @@ impl<'a> Frame<'a> {
         self.world_from_scene.map_or(b, |map| placed_bounds(&b, &map, greatest(&b)))
     }
 
-    /// Calls `visit` with the children of a node, at most eight, and their boxes in the world.
+    /// Calls `visit` with the children of a node, at most eight, their boxes in the world, and the least width of rays
+    /// for which their cells may stand in.
     #[inline]
-    fn children(self, node: u32, scenes: Scenes, mut visit: impl FnMut(Target, DBounds)) {
-        self.scene.placement.top.children(node, |child, bounds| {
+    fn children(self, node: u32, scenes: Scenes, mut visit: impl FnMut(Target, DBounds, f64)) {
+        let has_cells = self.has_cells();
+        let widen = || match &self.world_from_scene {
+            None => 1.0,
+            Some(map) => Measures::of(&map.matrix3).stretch,
+        };
+        self.scene.top().children(node, |child, bounds| {
+            let least = match child {
+                MemberChild::Node(_) if has_cells => least_width(&bounds) * widen(),
+                _ => f64::INFINITY,
+            };
             if let Some(fork) = self.fork(child, scenes) {
-                visit(fork.target(), self.bounds_in_world(bounds));
+                visit(fork.target(), self.bounds_in_world(bounds), least);
             }
         });
     }
@@ -191,7 +236,18 @@ impl SceneState {
 
     /// Calls `visit` with the children of a node, at most eight, and boxes around all that rays may hit there.
     #[inline]
-    pub(crate) fn children(&self, node: NodeRef, scenes: Scenes, visit: impl FnMut(Target, DBounds)) {
+    pub(crate) fn children(&self, node: NodeRef, scenes: Scenes, mut visit: impl FnMut(Target, DBounds)) {
+        self.children_and_widths(node, scenes, |child, bounds, _| visit(child, bounds));
+    }
+
+    /// [`SceneState::children`], also with the least width of rays for which the child's cell may stand in.
+    #[inline]
+    pub(super) fn children_and_widths(
+        &self,
+        node: NodeRef,
+        scenes: Scenes,
+        visit: impl FnMut(Target, DBounds, f64),
+    ) {
         Frame::with(self, node.level, node.first).children(node.node, scenes, visit);
     }
 

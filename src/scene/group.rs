@@ -8,7 +8,8 @@ use super::frame::{Scenes, Target};
 use super::packet::ScenePacket;
 use super::placed::Placed;
 use super::ray_rows::RayRows;
-use super::walk::{FirstCell, Found, NOTHING, Need, SceneView, Step};
+use super::widths::Width;
+use super::walk::{FirstCell, Found, HitTree, NOTHING, Need, SceneView, Step};
 use crate::math::{DBounds, PACKET, Ray, bits, first_rays};
 use crate::structure::{LocalRay, LocalRays, Outcome, PacketWalk, PartFilter, Rooted, Tree};
 use glam::DVec3;
@@ -64,8 +65,9 @@ pub(super) const FEW: usize = 4;
 
 impl SceneView<'_> {
     /// Collects in `out` the placed trees that rays of a beam may enter up to `t_max` and that are visible to them.
-    /// Returns false if the list is incomplete: there are more than [`FEW`], or the top tree is too deep for the stack.
-    pub fn entered(&self, beam: &Beam, t_max: f64, out: &mut Vec<Entered>) -> bool {
+    /// Returns false if the list is incomplete: there are more than [`FEW`], a stand-in for several may answer one of
+    /// the rays, or the top tree is too deep for the stack. `width`: that of the rays.
+    pub fn entered(&self, beam: &Beam, width: Width, t_max: f64, out: &mut Vec<Entered>) -> bool {
         out.clear();
         let around = *self.scene.placement.top.around();
         let Some(root) = self.scene.root(Scenes::SeenBy(beam.mask)).filter(|_| beam.enter(&around, t_max).is_some())
@@ -89,12 +91,17 @@ impl SceneView<'_> {
                     if count + MOST_CHILDREN > MOST_OPEN {
                         return false;
                     }
-                    self.scene.children(node, Scenes::SeenBy(beam.mask), |child, bounds| {
+                    let mut may_stand_in = false;
+                    self.scene.children_and_widths(node, Scenes::SeenBy(beam.mask), |child, bounds, least| {
                         if beam.enter(&bounds, t_max).is_some() {
+                            may_stand_in |= width.may_reach(least, &bounds, beam);
                             todo[count] = (child, bounds);
                             count += 1;
                         }
                     });
+                    if may_stand_in {
+                        return false;
+                    }
                 }
             }
         }
@@ -133,7 +140,8 @@ impl Group {
             // The tree finds out as fast as a beam of many origins whether any ray meets it.
             return self.trace_in::<ANY>(view, placed, (rays, count), alike, says);
         }
-        let is_few = view.entered(&Beam::of(&rays[..count], alike), f64::INFINITY, &mut self.entered);
+        let (beam, width) = (Beam::of(&rays[..count], alike), Width::of(&rays[..count], alike));
+        let is_few = view.entered(&beam, width, f64::INFINITY, &mut self.entered);
         match self.entered[..] {
             [] if is_few => {
                 (self.only, self.is_moved) = (Some(NOTHING), false);
@@ -368,15 +376,15 @@ impl Group {
     /// Where ray `i` first entered a stand-in of the [only](Self::only) tree, which is `placed`.
     #[inline]
     pub fn first_cell(&self, i: usize, placed: u64) -> FirstCell {
-        FirstCell { t: self.in_world(i, self.walk.first_cell()[i]), placed }
+        FirstCell { t: self.in_world(i, self.walk.first_cell()[i]), tree: HitTree::Placed(placed) }
     }
 
     /// The hit of ray `i`. `met`: true if it hits something.
     #[inline]
     pub fn found(&self, i: usize, met: bool) -> Found {
         let Some(only) = self.only else { return *self.scene.best(i) };
-        let placed = if met { only } else { NOTHING };
-        Found { t: self.distance(i), placed, tri: self.walk.best(i), first_cell: self.first_cell(i, only) }
+        let tree = if met { HitTree::Placed(only) } else { HitTree::NONE };
+        Found { t: self.distance(i), tree, tri: self.walk.best(i), first_cell: self.first_cell(i, only) }
     }
 }
 

@@ -30,10 +30,13 @@ pub(crate) mod through;
 pub(crate) mod top;
 mod top_walk;
 pub(crate) mod group;
+mod groups;
+mod appearances;
 pub(crate) mod packet;
 mod box_ray;
 pub(crate) mod stream;
 pub(crate) mod walk;
+pub(crate) mod widths;
 
 pub(crate) use alike::Alike;
 pub use array::{Instances, Place, Prototypes, Transforms};

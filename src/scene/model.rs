@@ -1,5 +1,6 @@
 //! A model: one built file, opened read-only.
 
+use super::appearances::Appearances;
 use super::camera::{Camera, FOV_Y, axes, default_directions, default_views};
 use super::context::{Context, LogLevel};
 use super::fit::{Fit, Lens, MARGIN, fit_model};
@@ -21,7 +22,7 @@ use crate::structure::{Tree, Visit};
 use glam::{DAffine3, DMat3, DVec3};
 use std::ops::Deref;
 use std::path::Path;
-use std::sync::{Arc, Mutex, PoisonError, Weak};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 
 /// A part of a model, as stored.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -177,6 +178,7 @@ struct Inner {
     /// The parts of blocks, once they were needed.
     part_sets: Mutex<Option<Arc<KeptSets>>>,
     form: FormState,
+    appearances: Mutex<Appearances>,
 }
 
 /// The parts of blocks, and the charge for their memory.
@@ -273,9 +275,18 @@ impl Model {
         let see_through = file.parts().iter().any(|part| is_transparent(part.material));
         let info = info_of(&file, &header);
         let context = context.clone();
-        let (part_sets, form) = (Mutex::default(), FormState::default());
-        let model =
-            Self(Arc::new(Inner { context, info, see_through, trees, blocks, geometry_bytes, part_sets, form }));
+        let (part_sets, form, appearances) = (Mutex::default(), FormState::default(), Mutex::default());
+        let model = Self(Arc::new(Inner {
+            context,
+            info,
+            see_through,
+            trees,
+            blocks,
+            geometry_bytes,
+            part_sets,
+            form,
+            appearances,
+        }));
         if all && model.info().triangles_stored <= SMALL && model.is_whole() {
             model.blocks().completed();
             model.begin_form();
@@ -333,6 +344,11 @@ impl Model {
     fn is_whole(&self) -> bool {
         let there = self.0.blocks.snapshot();
         (0..self.0.info.geometry_blocks).all(|id| there.block(BlockId(id)).is_some())
+    }
+
+    /// The appearances of its trees that were needed.
+    pub(super) fn appearances(&self) -> MutexGuard<'_, Appearances> {
+        self.0.appearances.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// The state of the form for exact rays.

@@ -45,8 +45,8 @@ impl OccurrenceLooks {
 
     /// Forgets those that lead nowhere in a state, and returns the states of the others by the numbers of the
     /// instances.
-    pub fn states(&mut self, state: &SceneState) -> HashMap<u64, InstanceState> {
-        let (mut ways, mut all) = (Ways::default(), HashMap::new());
+    pub fn states(&mut self, state: &SceneState) -> BTreeMap<u64, InstanceState> {
+        let (mut ways, mut all) = (Ways::default(), BTreeMap::new());
         self.looks.retain(|path, look| {
             let instance = ways.instance(state, path);
             all.extend(instance.map(|instance| (instance, state.state_of(instance).over(*look))));

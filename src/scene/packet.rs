@@ -5,7 +5,7 @@
 use super::frame::{Fork, Frame, FrameKey, Scenes};
 use super::placed::{At, Placed};
 use super::ray_rows::RayRows;
-use super::walk::{FirstCell, Found, NOTHING, SceneView, Step};
+use super::walk::{FirstCell, Found, HitTree, NOTHING, SceneView, Step};
 use crate::math::{PACKET, Ray, bits};
 use crate::simd::Isa;
 use crate::structure::{LocalRay, LocalRays, MemberChild, Outcome, PacketWalk};
@@ -42,6 +42,8 @@ struct Level {
     at: [At; PACKET],
     /// The scene that the tree is of.
     frame: FrameKey,
+    /// The rays that entered the tree.
+    inside: u32,
 }
 
 impl Level {
@@ -94,7 +96,7 @@ impl ScenePacket {
         (self.at, self.next, self.depth, self.active) = (None, None, 0, 0);
         for (i, it) in rays.iter().enumerate() {
             self.rows.set(i, it);
-            (self.best[i].t, self.best[i].placed, self.best[i].first_cell) = (it.t_max, NOTHING, FirstCell::NONE);
+            (self.best[i].t, self.best[i].tree, self.best[i].first_cell) = (it.t_max, HitTree::NONE, FirstCell::NONE);
             self.far[i] = it.t_max;
             self.active |= (active >> i & u32::from(it.can_hit())) << i;
         }
@@ -116,14 +118,15 @@ impl ScenePacket {
         if inside == 0 {
             return;
         }
-        // No cell of this tree stands in.
-        self.local.cone = [[0.0; PACKET]; 2];
+        if !frame.has_cells() {
+            self.local.cone = [[0.0; PACKET]; 2];
+        }
         if self.levels.len() == self.depth {
             let (walk, at) = (PacketWalk::new(), [At::NONE; PACKET]);
-            self.levels.push(Box::new(Level { walk, at, frame: FrameKey::OUTERMOST }));
+            self.levels.push(Box::new(Level { walk, at, frame: FrameKey::OUTERMOST, inside: 0 }));
         }
         let level = &mut self.levels[self.depth];
-        (level.at, level.frame) = (self.moved, frame.key());
+        (level.at, level.frame, level.inside) = (self.moved, frame.key(), inside);
         level.walk.set_rows(&self.local);
         level.walk.start(&members.tree(isa), inside);
         self.depth += 1;
@@ -156,6 +159,19 @@ impl ScenePacket {
             }
         }
         inside
+    }
+
+    /// Takes over the cells of the last level's tree that rays met.
+    fn take_cells<const ANY: bool>(&mut self, beyond: bool, tree: HitTree, rays: &[Ray; PACKET]) {
+        let Some(level) = self.levels[..self.depth].last() else { return };
+        for i in bits(level.inside) {
+            let (hit, first_cell) = (level.walk.best(i), level.walk.first_cell()[i]);
+            self.best[i].offer_in::<ANY>(beyond, tree, &level.at[i], hit, first_cell);
+            self.far[i] = self.best[i].reach(&rays[i]);
+            if ANY && self.best[i].is_hit() {
+                self.active &= !(1 << i);
+            }
+        }
     }
 
     /// The best hit so far of ray `i`.
@@ -203,24 +219,29 @@ impl SceneView<'_> {
                     level.follow(walk.inside, &walk.far, walk.active);
                 }
             }
-            match self.next_of_packet(rays, walk) {
+            match self.next_of_packet::<ANY>(rays, walk) {
                 Some((placed, among)) => self.enter_packet(rays, placed, among, walk),
                 None => return Step::Done,
             }
         }
     }
 
-    /// The next placed tree that rays of a packet may enter, and these rays.
-    fn next_of_packet(&self, rays: &[Ray; PACKET], walk: &mut ScenePacket) -> Option<(u64, u32)> {
-        let isa = self.scene.context().isa();
+    /// The next placed tree that rays of a packet may enter, and these rays. Takes over the stand-ins for several
+    /// members that rays meet on the way.
+    fn next_of_packet<const ANY: bool>(&self, rays: &[Ray; PACKET], walk: &mut ScenePacket) -> Option<(u64, u32)> {
         loop {
             if let Some(next) = walk.next.take() {
                 return Some(next);
             }
             let level = walk.levels[..walk.depth].last_mut()?;
             let frame = Frame::of(self.scene, &level.frame);
-            let (members, _) = frame.scene.placement.top.walked()?;
-            match members.tree(isa).closest_together(None, &mut level.walk) {
+            let tree = frame.tree()?;
+            let outcome = if ANY {
+                tree.any_together(None, &mut level.walk)
+            } else {
+                tree.closest_together(None, &mut level.walk)
+            };
+            match outcome {
                 Outcome::Member(member) => {
                     let among = level.walk.at_member() & walk.active;
                     let fork = frame.fork(MemberChild::Member(member), seen_by_any(rays, among));
@@ -228,6 +249,9 @@ impl SceneView<'_> {
                 }
                 // All blocks of this tree are in memory.
                 Outcome::Done | Outcome::Pending(_) => {
+                    if frame.has_cells() {
+                        walk.take_cells::<ANY>(self.widen_interval, frame.hit_tree(), rays);
+                    }
                     walk.depth -= 1;
                     if let Some(level) = walk.levels[..walk.depth].last_mut() {
                         level.follow(level.walk.at_member(), &walk.far, walk.active);

@@ -166,13 +166,26 @@ impl Placed {
         }
     }
 
-    /// The frame of the boxes of a scene which a map takes elsewhere, for rays on their way there alone: measures are
-    /// those of the frame here, and rays get no footprint.
+    /// The frame of the boxes of a scene which a map takes elsewhere.
     pub fn inside(&self, map: &DAffine3) -> Self {
         let linear = map.matrix3 * self.linear;
         let offset = map.transform_point3(self.offset);
         let (inverse, unturned) = (linear.inverse(), linear == DMat3::IDENTITY);
-        Self { linear, inverse, offset, mesh_origin: offset, unturned, ..*self }
+        let Measures { stretch, loss } = Measures::of(&linear);
+        let position_error = self.position_error * Measures::of(&map.matrix3).stretch;
+        let bounds = self.bounds.transformed(map);
+        Self {
+            linear,
+            inverse,
+            offset,
+            mesh_origin: offset,
+            unturned,
+            stretch,
+            loss,
+            position_error,
+            bounds,
+            ..*self
+        }
     }
 
     /// A bound below the least singular value of the map to the world: no distance grows by a smaller factor.

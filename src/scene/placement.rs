@@ -3,7 +3,7 @@
 //! takes the same memory in each place, however much is in it.
 
 use super::array::Array;
-use super::inner::{Counts, Inner, PlacedScene, PlacedSceneArray};
+use super::inner::{Counts, Inner, InnerKey, PlacedScene, PlacedSceneArray};
 use super::measures::{Factors, Measures};
 use super::model::Model;
 use super::placed::Placed;
@@ -131,6 +131,12 @@ impl PlacedArray {
         }
         let member = self.starts.partition_point(|&start| start <= at) as u32 - 1;
         Of { member, nth: at - self.starts[member as usize] }
+    }
+
+    /// The prototype of a placed tree, and the index of the tree there.
+    pub fn prototype_and_tree(&self, number: u32) -> (u32, u32) {
+        let Of { member, nth } = self.of(number);
+        (self.array.prototype_of(member), nth)
     }
 
     /// The map from the mesh of a placed tree to its model.
@@ -262,6 +268,14 @@ impl Placement {
         match member.checked_sub(self.own) {
             None => Member::Placed(member),
             Some(at) => Member::Scene(self.inner_at(member, at as usize)),
+        }
+    }
+
+    /// The member that a scene in this one is.
+    pub(super) fn member_of(&self, it: &Inner) -> u32 {
+        match it.key {
+            InnerKey::Single(at) => self.own + at as u32,
+            InnerKey::Member(at, member) => self.scene_arrays[at].first_member + member,
         }
     }
 

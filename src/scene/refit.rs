@@ -70,7 +70,7 @@ impl Scene {
                 bounds = bounds.filter(|all| is_inside(&old.bounds, all)).map(|all| all.union(new.bounds));
             }
         }
-        let Some(top) = before.top.moved(&moves) else { return Ok(None) };
+        let Some(top) = before.top.moved(&moves, after.position_error) else { return Ok(None) };
         let copies = after.arrays.iter().zip(&before.arrays);
         let copies = copies.filter(|(it, was)| !Arc::ptr_eq(&it.measures, &was.measures));
         let copied: usize = copies.map(|(it, _)| size_of_val(&it.measures[..])).sum();

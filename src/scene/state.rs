@@ -2,6 +2,7 @@
 
 use super::context::Context;
 use super::frame::{Scenes, Search};
+use super::groups::Groups;
 use super::inner::{Inner, InnerKey};
 use super::light::{Background, Light};
 use super::looks::{Look, PartsShown};
@@ -13,7 +14,7 @@ use crate::residency::Kept;
 use crate::structure::ShownBlocks;
 use glam::{DAffine3, DVec3};
 use std::borrow::Cow;
-use std::collections::{HashMap, HashSet};
+use std::collections::{BTreeMap, HashMap, HashSet};
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -27,6 +28,11 @@ pub(crate) struct InstanceState {
 }
 
 impl InstanceState {
+    /// True if it shows all as it is in the file.
+    pub fn is_plain(&self) -> bool {
+        self.mask == u32::MAX && self.look == Look::default() && self.parts.looks.is_empty()
+    }
+
     /// The mask of the rays that see it.
     fn seen_by(&self) -> u32 {
         if self.look.visible { self.mask } else { 0 }
@@ -63,7 +69,7 @@ pub(super) struct States {
     pub scenes: Vec<Arc<States>>,
     pub scene_arrays: Vec<SceneArrayStates>,
     /// Of single occurrences: of instances in scenes in this one, by their numbers.
-    pub occurrences: HashMap<u64, InstanceState>,
+    pub occurrences: BTreeMap<u64, InstanceState>,
 }
 
 /// The states of what is in the members of an array of scenes.
@@ -227,6 +233,7 @@ pub struct SceneState {
     pub(super) singles: Vec<Instance>,
     pub(super) states: Arc<States>,
     pub(crate) placement: Arc<Placement>,
+    pub(super) groups: Groups,
     /// Number of levels of scenes in scenes, this one included.
     pub(super) levels: u32,
     /// True if anything may be transparent. Otherwise any surface that a shadow ray hits blocks it.
@@ -271,6 +278,13 @@ impl SceneState {
             Some(single) => single,
             None => self.states.of(&self.placement, instance),
         }
+    }
+
+    /// The part of its model that covers most of a placed tree.
+    pub(crate) fn main_part(&self, placed: u64) -> u32 {
+        let ids = self.ids_of(placed);
+        let tree = &self.models[ids.model as usize].trees()[ids.tree as usize];
+        ids.first_part.saturating_add(tree.main_part)
     }
 
     /// The caller's id of an instance. That of an instance of a scene in this one is the id of that scene.

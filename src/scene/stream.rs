@@ -7,11 +7,12 @@ use super::beam::Beam;
 use super::box_ray::PacketBoxRays;
 use super::frame::{Scenes, Target};
 use super::group::Entered;
+use super::widths::Width;
 use super::placed::At;
 use super::ray_rows::RayRows;
 use super::state::Stand;
 use super::top_walk::TopWalk;
-use super::walk::{FirstCell, Found, SceneView, SceneWalk, Step};
+use super::walk::{FirstCell, Found, HitTree, SceneView, SceneWalk, Step};
 use crate::math::{PACKET, Ray, STREAM, bits, first_rays};
 use crate::structure::{LocalRay, LocalRays, Outcome, Stream, TriHit, Walk};
 
@@ -162,7 +163,7 @@ impl StreamHits<'_> {
     /// Where ray `i` first entered a stand-in of the tree, which is `placed`.
     #[inline(always)]
     pub fn first_cell(&self, i: usize, placed: u64) -> FirstCell {
-        FirstCell { t: self.in_world(i, self.first_cell[i]), placed }
+        FirstCell { t: self.in_world(i, self.first_cell[i]), tree: HitTree::Placed(placed) }
     }
 
     /// The hit of ray `i`, which is in `met` or not.
@@ -171,7 +172,7 @@ impl StreamHits<'_> {
         if !is_met {
             return Found { first_cell, ..Found::nothing(ray.t_max) };
         }
-        Found { t: self.t(i), placed, tri: self.hits[i], first_cell }
+        Found { t: self.t(i), tree: HitTree::Placed(placed), tri: self.hits[i], first_cell }
     }
 }
 
@@ -236,7 +237,9 @@ impl SceneView<'_> {
             }
             Some(Target::Inner(_)) => {
                 walk.reserve(rays);
-                (0..rays.len()).step_by(PACKET).for_each(|first| self.begin(rays, first, walk, &mut entering));
+                for first in (0..rays.len()).step_by(PACKET) {
+                    self.begin::<ANY>(rays, first, walk, found, &mut entering);
+                }
             }
         }
         while !entering.is_empty() {
@@ -253,7 +256,7 @@ impl SceneView<'_> {
                 let ray = it.ray as usize;
                 let is_done = !walk.goes_on[ray] || ANY && found[ray].is_hit();
                 let next =
-                    if is_done { None } else { self.next_tree(&rays[ray], ray, found[ray].reach(&rays[ray]), walk) };
+                    if is_done { None } else { self.next_tree::<ANY>(&rays[ray], ray, &mut found[ray], walk) };
                 *it = next.unwrap_or(*it);
                 next.is_some()
             };
@@ -263,9 +266,17 @@ impl SceneView<'_> {
     }
 
     /// Takes up to [`PACKET`] rays from `first` on to the first placed trees that they enter.
-    fn begin(&self, rays: &[Ray], first: usize, walk: &mut SceneStream, entering: &mut Vec<Entering>) {
+    fn begin<const ANY: bool>(
+        &self,
+        rays: &[Ray],
+        first: usize,
+        walk: &mut SceneStream,
+        found: &mut [Found],
+        entering: &mut Vec<Entering>,
+    ) {
         let group = &rays[first..rays.len().min(first + PACKET)];
-        let is_few = self.entered(&Beam::of(group, &Alike::of(group)), f64::INFINITY, &mut walk.entered);
+        let alike = Alike::of(group);
+        let is_few = self.entered(&Beam::of(group, &alike), Width::of(group, &alike), f64::INFINITY, &mut walk.entered);
         if let ([only], true) = (&walk.entered[..], is_few) {
             walk.goes_on[first..][..group.len()].fill(false);
             return entering.extend((first..).zip(group).filter_map(|(i, ray)| self.entering(ray, i, only.placed)));
@@ -297,7 +308,8 @@ impl SceneView<'_> {
                 tops[first + i].begin(self, ray);
             }
         }
-        entering.extend((first..).zip(group).filter_map(|(i, ray)| self.next_tree(ray, i, ray.t_max, walk)));
+        let next = |(i, ray): (usize, &Ray)| self.next_tree::<ANY>(ray, i, &mut found[i], walk);
+        entering.extend((first..).zip(group).filter_map(next));
     }
 
     /// The entry of a ray into a placed tree; `None` if the tree is not visible to the ray.
@@ -318,15 +330,21 @@ impl SceneView<'_> {
         }
     }
 
-    /// The next placed tree that a ray may enter before `best`.
+    /// The next placed tree in which a ray may meet something better than `best`; see [`TopWalk::next`].
     #[inline]
-    fn next_tree(&self, ray: &Ray, i: usize, best: f64, walk: &mut SceneStream) -> Option<Entering> {
+    fn next_tree<const ANY: bool>(
+        &self,
+        ray: &Ray,
+        i: usize,
+        best: &mut Found,
+        walk: &mut SceneStream,
+    ) -> Option<Entering> {
         let (todo, top) = (&mut walk.todo[i], &mut walk.tops[i]);
         loop {
             let placed = match todo.pop() {
-                Some((_, enter)) if enter > best => continue,
+                Some((_, enter)) if enter > best.reach(ray) => continue,
                 Some((placed, _)) => placed,
-                None => top.next(self, ray, best)?,
+                None => top.next::<ANY>(self, ray, best)?,
             };
             let entering = self.entering(ray, i, placed);
             if entering.is_some() {
@@ -370,7 +388,7 @@ impl SceneView<'_> {
             if !walk.goes_on[i] || ANY && best.is_hit() {
                 break;
             }
-            let Some(next) = self.next_tree(ray, i, best.reach(ray), walk) else { break };
+            let Some(next) = self.next_tree::<ANY>(ray, i, best, walk) else { break };
             entering = next;
         }
         walk.goes_on[i] = false;

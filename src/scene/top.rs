@@ -4,8 +4,9 @@
 use super::placed::Placed;
 use crate::base::error::Result;
 use crate::math::{Bounds, DBounds};
-use crate::structure::{MemberChild, Members, Move};
-use glam::{DVec3, Vec3};
+use crate::structure::{Appearance, MemberChild, MemberLook, Members, Move};
+use glam::{DAffine3, DVec3, Vec3};
+use std::sync::Arc;
 
 /// The tree. Invariants: every member with non-empty bounds is in it exactly once; each box holds all that is below it.
 #[derive(Debug)]
@@ -23,6 +24,8 @@ struct Nodes {
     /// Number of the members, and of those that were moved since the tree was built.
     count: usize,
     moved: usize,
+    /// True if its cells may stand in.
+    has_cells: bool,
 }
 
 /// The frame of the boxes.
@@ -50,6 +53,15 @@ impl Frame {
     }
 }
 
+impl Frame {
+    /// A look of the scene in the frame.
+    fn local_look<'a>(&self, it: MemberLook<'a>) -> MemberLook<'a> {
+        let (origin, scale) = (self.placed.frame().translation, self.placed.stretch);
+        let map = DAffine3 { matrix3: it.map.matrix3 / scale, translation: (it.map.translation - origin) / scale };
+        MemberLook { map, stretch: it.stretch / scale, ..it }
+    }
+}
+
 impl Default for TopTree {
     fn default() -> Self {
         Self { around: DBounds::EMPTY, root: None, nodes: None }
@@ -72,11 +84,17 @@ const USUAL: std::ops::RangeInclusive<f64> = 1e-12..=1e12;
 
 impl TopTree {
     /// Upper bound of the bytes of memory for each member, while the tree is built.
-    pub const BYTES_EACH: usize = Members::BYTES_EACH;
+    pub const BYTES_EACH: usize = Members::BYTES_EACH_DESCRIBED;
 
     /// Builds the tree over `bounds`, the numbers of members, below 2^31, and their boxes, and leaves out empty ones.
-    /// The same input gives the same tree. Fails with `NoMemory`.
-    pub fn build(mut bounds: Vec<(u32, DBounds)>) -> Result<Self> {
+    /// `look_of` returns what a member looks like, with the map to the scene; `position_error`: the greatest distance
+    /// of stored vertices from those of the input, in the scene. The same input gives the same tree. Fails with
+    /// `NoMemory`.
+    pub fn build<'a>(
+        mut bounds: Vec<(u32, DBounds)>,
+        position_error: f64,
+        mut look_of: impl FnMut(u32) -> Option<MemberLook<'a>>,
+    ) -> Result<Self> {
         bounds.retain(|it| !it.1.is_empty());
         let around = bounds.iter().fold(DBounds::EMPTY, |all, it| all.union(it.1));
         match bounds[..] {
@@ -93,11 +111,47 @@ impl TopTree {
         let all = DVec3::splat(reach * ROOM);
         let all = DBounds { min: origin - all, max: origin + all };
         let max_coord = (reach * ROOM / scale) as f32;
-        let frame = Frame { placed: Placed::of_boxes(origin, scale, &all, max_coord), grown };
+        let mut frame = Frame { placed: Placed::of_boxes(origin, scale, &all, max_coord), grown };
+        frame.placed.position_error = position_error;
         let count = bounds.len();
-        let tree = Members::build(bounds.into_iter().map(|(number, b)| (number, frame.local(&b))), max_coord)?;
+        let mut has_cells = false;
+        let local_look = |number: u32| {
+            let look = look_of(number)?;
+            has_cells = true;
+            Some(frame.local_look(look))
+        };
+        let boxes = bounds.into_iter().map(|(number, b)| (number, frame.local(&b)));
+        let tree = Members::build_described(boxes, max_coord, local_look)?;
         let root = MemberChild::Node(tree.root());
-        Ok(Self { around, root: Some(root), nodes: Some(Nodes { tree, frame, count, moved: 0 }) })
+        Ok(Self { around, root: Some(root), nodes: Some(Nodes { tree, frame, count, moved: 0, has_cells }) })
+    }
+
+    /// Number of members in the tree.
+    pub fn count(&self) -> usize {
+        self.nodes.as_ref().map_or(usize::from(self.root.is_some()), |nodes| nodes.count)
+    }
+
+    /// True if cells may stand in for several members.
+    pub fn has_cells(&self) -> bool {
+        self.nodes.as_ref().is_some_and(|nodes| nodes.has_cells)
+    }
+
+    /// What all members look like together, and the map to the scene. `None` if that is not known.
+    pub fn appearance(&self) -> Option<(Arc<Appearance>, DAffine3)> {
+        let Nodes { tree, frame, .. } = self.nodes.as_ref()?;
+        Some((Arc::clone(tree.appearance()?), frame.placed.frame()))
+    }
+
+    /// The tree in which no cell above some members stands in; `None` if one is not where its bounds are.
+    pub fn without_cells_above(&self, members: impl Iterator<Item = (u32, DBounds)>) -> Option<Self> {
+        let Nodes { tree, frame, count, moved, has_cells } = self.nodes.as_ref()?;
+        let stays = |(member, b): (u32, DBounds)| {
+            let b = frame.local(&b);
+            Move { member, from: b, to: b }
+        };
+        let tree = tree.moved(&members.map(stays).collect::<Vec<_>>())?;
+        let nodes = Nodes { tree, frame: *frame, count: *count, moved: *moved, has_cells: *has_cells };
+        Some(Self { around: self.around, root: self.root, nodes: Some(nodes) })
     }
 
     /// True if so many more members may move without a build of the tree.
@@ -105,10 +159,12 @@ impl TopTree {
         self.nodes.as_ref().is_some_and(|nodes| nodes.moved + more <= nodes.count / MOST_MOVED)
     }
 
-    /// The tree after moves of members: their numbers, and their bounds before and after. `None` if it must be
-    /// built anew: too many have moved since it was built, or one leaves the room around it.
-    pub fn moved(&self, moves: &[(u32, [DBounds; 2])]) -> Option<Self> {
-        let Nodes { tree, frame, count, moved } = self.nodes.as_ref().filter(|_| self.may_move(moves.len()))?;
+    /// The tree after moves of members: their numbers, and their bounds before and after; `position_error` as for
+    /// [`TopTree::build`]. `None` if it must be built anew: too many have moved since it was built, or one leaves the
+    /// room around it.
+    pub fn moved(&self, moves: &[(u32, [DBounds; 2])], position_error: f64) -> Option<Self> {
+        let nodes = self.nodes.as_ref().filter(|_| self.may_move(moves.len()))?;
+        let Nodes { tree, frame, count, moved, has_cells } = nodes;
         let is_in_room = |b: &DBounds| !b.is_empty() && frame.placed.bounds.contains(&frame.grow(b));
         if !moves.iter().all(|it| is_in_room(&it.1[1])) {
             return None;
@@ -121,7 +177,9 @@ impl TopTree {
         let tree = tree.moved(&moves.iter().map(local).collect::<Vec<_>>())?;
         // It does not shrink: to find out by how much it may, all would have to be looked at.
         let around = moves.iter().fold(self.around, |all, it| all.union(it.1[1]));
-        let nodes = Nodes { tree, frame: *frame, count: *count, moved: moved + moves.len() };
+        let mut frame = *frame;
+        frame.placed.position_error = position_error;
+        let nodes = Nodes { tree, frame, count: *count, moved: moved + moves.len(), has_cells: *has_cells };
         Some(Self { around, root: self.root, nodes: Some(nodes) })
     }
 
@@ -208,7 +266,7 @@ mod tests {
     #[test]
     fn every_box_that_a_ray_meets_is_a_leaf_it_reaches() {
         let boxes = grid(200);
-        let tree = TopTree::build((0..).zip(boxes.iter().copied()).collect()).unwrap();
+        let tree = TopTree::build((0..).zip(boxes.iter().copied()).collect(), 0.0, |_| None).unwrap();
         assert!(depth(&tree) < 24);
         // Directions are axis-parallel, in planes of boxes, and diagonal; origins lie on the grid of the boxes.
         for (i, dir) in
@@ -240,10 +298,10 @@ mod tests {
     #[test]
     fn coincident_boxes_still_make_a_tree() {
         let boxes = vec![DBounds { min: DVec3::ZERO, max: DVec3::ONE }; 1000];
-        let tree = TopTree::build((0..).zip(boxes.iter().copied()).collect()).unwrap();
+        let tree = TopTree::build((0..).zip(boxes.iter().copied()).collect(), 0.0, |_| None).unwrap();
         assert!(depth(&tree) <= 12, "halved where nothing tells them apart: depth {}", depth(&tree));
         let inside = BoxRay::new(&Ray::new(DVec3::splat(0.5), Vec3::X));
         assert_eq!(walk(&tree, &inside, 1.0), (0..1000).collect::<Vec<_>>());
-        assert!(TopTree::build(vec![(0, DBounds::EMPTY)]).unwrap().root().is_none());
+        assert!(TopTree::build(vec![(0, DBounds::EMPTY)], 0.0, |_| None).unwrap().root().is_none());
     }
 }

@@ -3,7 +3,7 @@
 
 use super::frame::{Fork, Frame, FrameKey, Scenes};
 use super::placed::At;
-use super::walk::{NOTHING, SceneView};
+use super::walk::{Found, NOTHING, SceneView};
 use crate::math::{Cone, Ray};
 use crate::structure::{LocalRay, MemberChild, Outcome, Walk};
 
@@ -52,8 +52,10 @@ impl TopWalk {
         let Some((members, boxes)) = frame.walked() else { return };
         let mut local = LocalRay::NONE;
         let Some((shift, scale)) = boxes.local(ray, best, true, &mut local) else { return };
-        // No cell of this tree stands in.
-        local.cone = Cone::ZERO;
+        // The caller of a walk with ends of its own tests each hit, in placed trees.
+        if view.within.is_some() || !frame.has_cells() {
+            local.cone = Cone::ZERO;
+        }
         if self.levels.len() == self.depth {
             let (walk, at) = (Walk::new(), At::NONE);
             self.levels.push(Level { walk, at, frame: FrameKey::OUTERMOST });
@@ -64,24 +66,34 @@ impl TopWalk {
         self.depth += 1;
     }
 
-    /// The next placed tree that the ray may enter before `best`.
+    /// The next placed tree in which the ray may meet something better than `best`. Offers `best` the stand-ins for
+    /// several members that the ray meets. `ANY`: the walk ends at the first.
     #[inline]
-    pub fn next(&mut self, view: &SceneView, ray: &Ray, best: f64) -> Option<u64> {
+    pub fn next<const ANY: bool>(&mut self, view: &SceneView, ray: &Ray, best: &mut Found) -> Option<u64> {
         loop {
             if let Some(next) = self.next.take() {
                 return Some(next);
             }
             let level = self.levels[..self.depth].last_mut()?;
             let frame = Frame::of(view.scene, &level.frame);
-            let (members, _) = frame.scene.placement.top.walked()?;
-            level.walk.shorten(level.at.in_tree(best));
-            match members.tree(view.scene.context().isa()).closest(None, &mut level.walk) {
+            let tree = frame.tree()?;
+            let reach = best.reach(ray);
+            level.walk.shorten(level.at.in_tree(reach));
+            let walk = &mut level.walk;
+            match if ANY { tree.any(None, walk) } else { tree.closest(None, walk) } {
                 Outcome::Member(member) => {
                     let fork = frame.fork(MemberChild::Member(member), Scenes::SeenBy(ray.mask));
-                    self.enter(view, ray, fork, best);
+                    self.enter(view, ray, fork, reach);
                 }
                 // All blocks of this tree are in memory.
-                Outcome::Done | Outcome::Pending(_) => self.depth -= 1,
+                Outcome::Done | Outcome::Pending(_) => {
+                    let (hit, first_cell) = (walk.best(), walk.first_cell());
+                    best.offer_in::<ANY>(view.widen_interval, frame.hit_tree(), &level.at, hit, first_cell);
+                    self.depth -= 1;
+                    if ANY && best.is_hit() {
+                        self.end();
+                    }
+                }
             }
         }
     }

@@ -1,12 +1,12 @@
 //! Walks through a scene: through the top-level tree, and in each instance through its tree. Like the walks of single
 //! trees, they can stop at a missing block and continue later.
 //!
-//! A hit is the least pair (t, number of the placed tree) of the hits in the trees. It does not depend on the order of
-//! visits, on packets or on interruptions.
+//! A hit is the least pair (t, tree) of the hits in the trees. It does not depend on the order of visits, on packets or
+//! on interruptions.
 
-use super::frame::{Scenes, Target};
+use super::frame::{Frame, Scenes, Target};
 use super::model::Model;
-use super::placed::At;
+use super::placed::{At, Placed};
 use super::placement::PlacedIds;
 use super::state::{SceneState, Stand};
 use super::top_walk::TopWalk;
@@ -17,6 +17,7 @@ use crate::residency::{Held, Lease, Shown};
 use crate::structure::{
     LocalRay, NEVER, Outcome, PartFilter, ShownBlocks, Tree, TriHit, Triangle, Visit, Walk, Within,
 };
+use std::borrow::Cow;
 use std::sync::atomic::AtomicBool;
 
 /// A block that a job needs.
@@ -117,17 +118,40 @@ impl Hold {
     }
 }
 
+/// The tree that a hit is in. The order decides between hits at the same distance.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum HitTree {
+    /// A placed tree, by its number.
+    Placed(u64),
+    /// The top tree of a scene: the hit is on a stand-in for several of its members. `first`: the number of the scene's
+    /// first placed tree; `level`: the number of scenes around it.
+    Top { first: u64, level: u32 },
+}
+
+impl HitTree {
+    /// That of no hit.
+    pub const NONE: Self = Self::Placed(NOTHING);
+
+    /// The number of the placed tree; for a top tree, of the first one in its scene.
+    #[inline(always)]
+    pub fn number(self) -> u64 {
+        match self {
+            Self::Placed(number) | Self::Top { first: number, .. } => number,
+        }
+    }
+}
+
 /// Where a ray first entered a stand-in, hit or not: see [`Walk::first_cell`].
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct FirstCell {
     /// Distance in units of the world ray's direction; infinity if the ray entered none.
     pub t: f64,
-    /// Number of the placed tree.
-    pub placed: u64,
+    /// The tree with the stand-in.
+    pub tree: HitTree,
 }
 
 impl FirstCell {
-    pub const NONE: Self = Self { t: f64::INFINITY, placed: NOTHING };
+    pub const NONE: Self = Self { t: f64::INFINITY, tree: HitTree::NONE };
 
     /// True if the ray entered a stand-in up to `t`.
     #[inline(always)]
@@ -137,13 +161,12 @@ impl FirstCell {
     }
 }
 
-/// The intersection of a ray and a placed tree.
+/// The intersection of a ray and a tree.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Found {
     /// Distance in units of the world ray's direction.
     pub t: f64,
-    /// Number of the placed tree; `NOTHING` for none.
-    pub placed: u64,
+    pub tree: HitTree,
     pub tri: TriHit,
     /// Where the ray first entered a stand-in.
     pub first_cell: FirstCell,
@@ -154,11 +177,17 @@ pub(super) const NOTHING: u64 = u64::MAX;
 impl Found {
     /// No hit up to `t`.
     pub const fn nothing(t: f64) -> Self {
-        Self { t, placed: NOTHING, tri: TriHit::none(0.0), first_cell: FirstCell::NONE }
+        Self { t, tree: HitTree::NONE, tri: TriHit::none(0.0), first_cell: FirstCell::NONE }
+    }
+
+    /// The number of the placed tree that was hit; of the first one in the scene, if the hit is on a stand-in for
+    /// several.
+    pub fn placed(&self) -> u64 {
+        self.tree.number()
     }
 
     pub fn is_hit(&self) -> bool {
-        self.placed != NOTHING
+        self.tree != HitTree::NONE
     }
 
     /// The distance up to which a ray may still meet something better. Rounding may put a hit of a widened interval
@@ -175,14 +204,26 @@ impl Found {
         self.first_cell.is_up_to(self.t)
     }
 
-    /// Takes over a tree's hit if it is nearer, or equally near and of an earlier placed tree. Also takes over the
-    /// distance at which the ray first entered a stand-in of the tree, if that is nearer.
+    /// Takes over a placed tree's hit if it is nearer, or equally near and of an earlier placed tree. Also takes over
+    /// the distance at which the ray first entered a stand-in of the tree, if that is nearer.
     #[inline]
     pub(super) fn offer<const ANY: bool>(&mut self, beyond: bool, at: &At, tri: TriHit, first_cell: f32) {
-        let placed = at.placed;
+        self.offer_in::<ANY>(beyond, HitTree::Placed(at.placed), at, tri, first_cell);
+    }
+
+    /// [`Found::offer`] of any tree.
+    #[inline]
+    pub(super) fn offer_in<const ANY: bool>(
+        &mut self,
+        beyond: bool,
+        tree: HitTree,
+        at: &At,
+        tri: TriHit,
+        first_cell: f32,
+    ) {
         let first_cell = at.in_world(first_cell);
         if first_cell < self.first_cell.t {
-            self.first_cell = FirstCell { t: first_cell, placed };
+            self.first_cell = FirstCell { t: first_cell, tree };
         }
         if tri.is_hit() {
             let t = at.in_world(tri.t);
@@ -190,8 +231,8 @@ impl Found {
             // hit to fall back on, so it applies t_max up to rounding. A walk that looks `beyond` takes the first hit
             // too: its caller tests that in double precision.
             let takes_any = ANY || beyond && !self.is_hit();
-            if takes_any || t < self.t || t == self.t && placed < self.placed {
-                *self = Self { t, placed, tri, first_cell: self.first_cell };
+            if takes_any || t < self.t || t == self.t && tree < self.tree {
+                *self = Self { t, tree, tri, first_cell: self.first_cell };
             }
         }
     }
@@ -295,9 +336,47 @@ impl<'a> SceneView<'a> {
     }
 
     /// The missing block that a hit on a stand-in replaces, if there is one.
-    pub fn wanted(&self, placed: u64, hit: &TriHit) -> Option<Need> {
+    pub fn wanted(&self, tree: HitTree, hit: &TriHit) -> Option<Need> {
+        let HitTree::Placed(placed) = tree else { return None };
         let block = self.tree(placed).wanted(hit)?;
         Some(self.need(placed, BlockId(block)))
+    }
+
+    /// The tree that a hit is in, with its blocks in memory.
+    #[inline]
+    pub fn tree_with(&self, tree: HitTree) -> Tree<'a> {
+        match tree {
+            HitTree::Placed(number) => self.tree(number),
+            // A scene with such a hit has a tree.
+            HitTree::Top { first, level } => {
+                Frame::with(self.scene, level, first).tree().unwrap_or_else(|| self.tree(first))
+            }
+        }
+    }
+
+    /// The frame of the tree that a hit is in.
+    #[inline]
+    pub fn frame_of(&self, tree: HitTree) -> Cow<'a, Placed> {
+        match tree {
+            HitTree::Placed(number) => self.scene.placed(number),
+            HitTree::Top { first, level } => {
+                let walked = Frame::with(self.scene, level, first).walked();
+                walked.map_or_else(|| self.scene.placed(first), |(_, boxes)| boxes)
+            }
+        }
+    }
+
+    /// The placed tree that a hit shows, and the part of its model there. `part`: the part as the hit has it; on a
+    /// stand-in for several members it is the number of that with the greatest visible area.
+    #[inline]
+    pub fn shown_by(&self, tree: HitTree, part: u32) -> (u64, u32) {
+        match tree {
+            HitTree::Placed(number) => (number, part),
+            HitTree::Top { first, level } => {
+                let number = Frame::with(self.scene, level, first).first_in(part);
+                (number, self.scene.main_part(number))
+            }
+        }
     }
 
     /// A placed tree with its blocks in memory.
@@ -361,9 +440,9 @@ impl<'a> SceneView<'a> {
     /// The triangle that was hit, and its model's part.
     #[inline(always)]
     pub fn triangle(&self, found: &Found) -> std::result::Result<(Triangle, u32), Need> {
-        let tree = self.tree(found.placed);
-        let triangle = tree.triangle(&found.tri).ok_or_else(|| self.need(found.placed, tree.block_of(&found.tri)))?;
-        let first_part = self.scene.ids_of(found.placed).first_part;
+        let (tree, placed) = (self.tree_with(found.tree), found.placed());
+        let triangle = tree.triangle(&found.tri).ok_or_else(|| self.need(placed, tree.block_of(&found.tri)))?;
+        let first_part = self.scene.ids_of(placed).first_part;
         Ok((triangle, first_part.saturating_add(triangle.part)))
     }
 
@@ -415,7 +494,9 @@ impl<'a> SceneView<'a> {
                     return Step::Done;
                 }
             }
-            let Some(placed) = walk.top.next(self, ray, best.reach(ray)) else { return Step::Done };
+            let next = walk.top.next::<ANY>(self, ray, &mut best);
+            walk.best = Some(best);
+            let Some(placed) = next else { return Step::Done };
             walk.inside = self.enter(ray, placed, best.reach(ray), &mut walk.tree);
         }
     }

@@ -43,6 +43,8 @@ pub struct StoredTree {
     /// Bounds of everything that rays can hit, stand-ins included, in the tree's own frame; `None` until
     /// [`StoredTree::look`] has read the root.
     pub around_hits: Option<Bounds>,
+    /// The local part with the greatest visible area; 0 until [`StoredTree::look`] has read the root.
+    pub main_part: u32,
 }
 
 /// Start of a tree, for each structure.
@@ -169,13 +171,22 @@ fn stored(row: &TreeRow, start: Start, index: u32) -> StoredTree {
         max_coord: max_coord.max(f32::MIN_POSITIVE),
         position_error: row.position_error,
         around_hits: None,
+        main_part: 0,
     }
 }
 
 impl StoredTree {
-    /// Reads the root in a snapshot that contains it, and stores [`StoredTree::around_hits`].
+    /// Reads the root in a snapshot that contains it, and stores [`StoredTree::around_hits`] and
+    /// [`StoredTree::main_part`].
     pub fn look(&mut self, snapshot: &Snapshot) {
-        self.around_hits = self.view(snapshot, Isa::Baseline, Visit::default()).around_hits();
+        let tree = self.view(snapshot, Isa::Baseline, Visit::default());
+        self.around_hits = tree.around_hits();
+        if let Some(parts) = tree.root_parts() {
+            let area_of = |part: u32| parts.iter().flatten().filter(|it| it.0 == part).map(|it| it.1).sum::<f32>();
+            // The first of the largest.
+            let larger = |a: u32, b: u32| if area_of(b) > area_of(a) { b } else { a };
+            self.main_part = parts.iter().flatten().map(|it| it.0).reduce(larger).unwrap_or(0);
+        }
     }
 
     /// Returns the block of the root, which must stay in memory, and the root's number in that block
@@ -295,6 +306,7 @@ impl StoredTree {
             max_coord,
             position_error: 0.0,
             around_hits: None,
+            main_part: 0,
         }
     }
 }

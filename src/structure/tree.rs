@@ -339,6 +339,16 @@ impl<'a> Tree<'a> {
         }
     }
 
+    /// Returns the local part that covers most of each child of the root, and half the area of the child's box. `None`
+    /// as for [`Tree::appearance`].
+    pub fn root_parts(&self) -> Option<[Option<(u32, f32)>; 8]> {
+        match &self.blocks {
+            Blocks::Bvh(own) => own.root_parts(),
+            #[cfg(any(test, feature = "brute"))]
+            Blocks::Brute(_) => None,
+        }
+    }
+
     /// Returns the parts in the cell of a hit; `None` if its block has left the snapshot.
     pub fn parts_in_cell(&self, hit: &TriHit) -> Option<CellParts> {
         of_each!(&self.blocks, own => own.parts_in_cell(hit))

@@ -15,11 +15,12 @@ use shading::{shading_normal, world_corners};
 pub(crate) use triangle::WorldNormal;
 
 use super::hit::{Hit, HitKind, NONE, Want};
+use crate::base::ids::BlockId;
 use crate::math::{PACKET, Ray, bits};
 use crate::scene::Group;
 use crate::scene::placed::Placed;
 use crate::scene::stream::StreamHits;
-use crate::scene::walk::{FirstCell, Found, Need, SceneView};
+use crate::scene::walk::{FirstCell, Found, HitTree, Need, SceneView};
 use crate::simd::Isa;
 use crate::structure::surface::Groups;
 use crate::structure::{Rooted, Tree, TriHit};
@@ -29,19 +30,37 @@ use shading::Corners;
 use stand_in::StandIns;
 use triangle::Triangles;
 
-/// A placed tree that rays of a row have hit.
+/// A tree that rays of a row have hit.
 #[derive(Clone, Copy)]
 pub(crate) struct InTree<'a> {
     pub view: &'a SceneView<'a>,
-    /// Its index among the scene's placed trees.
-    pub number: u64,
+    /// The tree, and its frame.
+    pub id: HitTree,
     pub placed: &'a Placed,
 }
 
 impl<'a> InTree<'a> {
     #[inline(always)]
     pub fn tree(&self) -> Tree<'a> {
-        self.view.tree(self.number)
+        self.view.tree_with(self.id)
+    }
+
+    /// The number of the placed tree; `None` if rays have hit stand-ins for several.
+    pub fn number(&self) -> Option<u64> {
+        match self.id {
+            HitTree::Placed(number) => Some(number),
+            HitTree::Top { .. } => None,
+        }
+    }
+
+    /// The block that a hit in the tree needs first.
+    pub fn need_of(&self, hit: &TriHit) -> Need {
+        self.need(self.tree().block_of(hit))
+    }
+
+    /// A block of the tree. (All blocks of a top tree are in memory.)
+    pub fn need(&self, block: BlockId) -> Need {
+        self.view.need(self.id.number(), block)
     }
 }
 
@@ -72,7 +91,7 @@ impl TreeHits<PACKET> for Group {
     }
     #[inline]
     fn first_cell(&self, i: usize, at: &InTree) -> FirstCell {
-        Group::first_cell(self, i, at.number)
+        Group::first_cell(self, i, at.id.number())
     }
     #[inline]
     fn distances(&self, _: u32, out: &mut [f64; PACKET]) {
@@ -95,7 +114,7 @@ impl<const N: usize> TreeHits<N> for StreamHits<'_> {
     }
     #[inline(always)]
     fn first_cell(&self, i: usize, at: &InTree) -> FirstCell {
-        StreamHits::first_cell(self, i, at.number)
+        StreamHits::first_cell(self, i, at.id.number())
     }
     #[inline(always)]
     fn distances(&self, rays: u32, out: &mut [f64; N]) {
@@ -260,7 +279,7 @@ impl<const N: usize> Seen<N> {
         out: &mut [Hit; N],
     ) -> Rest {
         let (widen_interval, p) = (at.view.widen_interval, at.placed);
-        let instance = at.view.scene.instance_id(p.instance);
+        let instance = at.number().map(|number| (at.view.scene.instance_id(p.instance), number));
         let (mut rest, mut near_end, mut inside) = (Rest::default(), 0, 0);
         for i in bits(met) {
             let (hit, met, ray, t) = (&mut out[i], hits.hit(i), &rays[i], hits.t(i));
@@ -289,10 +308,12 @@ impl<const N: usize> Seen<N> {
                 hit.uv = uv;
             }
             if want.has(Want::INSTANCE) {
-                (hit.instance, hit.occurrence) = (instance, at.number);
+                (hit.instance, hit.occurrence) = instance.unwrap_or((NONE, NONE));
             }
         }
-        let looked_at = if want.any_of(Want::SURFACE) { met } else { near_end | inside } & !rest.outside;
+        let asks_cells = want.has(Want::INSTANCE) && instance.is_none();
+        let is_asked = want.any_of(Want::SURFACE) || asks_cells;
+        let looked_at = if is_asked { met } else { near_end | inside } & !rest.outside;
         if looked_at != 0 {
             let asks = [want.any_of(Want::NORMALS), want.has(Want::ERROR)];
             rest.lacking = self.look(at, looked_at, |i| rays[i].dir, hits, asks);
@@ -326,7 +347,8 @@ impl<const N: usize> Seen<N> {
         near_end: u32,
         out: &mut [Hit; N],
     ) -> u32 {
-        let parts = at.view.model_of(at.number).parts();
+        let Some(number) = at.number() else { return 0 };
+        let parts = at.view.model_of(number).parts();
         let precise = if want.any_of(Want::MEETING) { u32::MAX } else { near_end };
         let mut outside = 0;
         for column in 0..self.groups.count {
@@ -410,12 +432,19 @@ impl<const N: usize> Seen<N> {
         hits: &(impl TreeHits<N> + ?Sized),
         out: &mut [Hit; N],
     ) {
-        let (p, parts) = (at.placed, at.view.model_of(at.number).parts());
+        let (p, view) = (at.placed, at.view);
         for i in bits(self.groups.cells) {
             let (hit, ray) = (&mut out[i], &rays[i]);
             hit.t = self.stand_ins.t(i, p, ray, hits.t(i));
-            if want.has(Want::PART) {
-                hit.part = parts.id(self.stand_ins.part(i) as usize).unwrap_or(NONE);
+            if want.any_of(Want::INSTANCE | Want::PART) {
+                let (number, part) = view.shown_by(at.id, self.stand_ins.part(i));
+                if want.has(Want::PART) {
+                    hit.part = view.model_of(number).parts().id(part as usize).unwrap_or(NONE);
+                }
+                if want.has(Want::INSTANCE) {
+                    let instance = view.scene.ids_of(number).instance;
+                    (hit.instance, hit.occurrence) = (view.scene.instance_id(instance), number);
+                }
             }
             if want.has(Want::NORMAL) {
                 hit.normal = self.stand_ins.normal(i);
@@ -533,12 +562,12 @@ impl<const N: usize> Seen<N> {
 /// Returns the missing block that the answer to a hit needs: the hit's own block, or that of its normals or its
 /// primitive ids.
 #[cold]
-pub(super) fn lacking(view: &SceneView, placed: u64, hit: &TriHit, want: Want) -> Need {
-    let tree = view.tree(placed);
+pub(super) fn lacking(view: &SceneView, found: &Found, want: Want) -> Need {
+    let (tree, hit) = (view.tree_with(found.tree), &found.tri);
     let is_triangle = hit.stand_in().is_none();
     let normals = || tree.normals(hit).err().filter(|_| is_triangle && want.has(Want::SHADING_NORMAL));
     let prims = || tree.prim(hit).err().filter(|_| is_triangle && want.has(Want::PRIM));
-    view.need(placed, normals().or_else(prims).unwrap_or(tree.block_of(hit)))
+    view.need(found.placed(), normals().or_else(prims).unwrap_or(tree.block_of(hit)))
 }
 
 /// [`Seen::answer`] of a single ray. Returns false if its hit is outside of its interval; fails with the missing block.
@@ -560,17 +589,17 @@ pub(super) fn answer_one_in(
 ) -> Result<bool, Need> {
     use std::slice::from_ref;
     let out = std::array::from_mut(hit);
-    let (number, placed) = (found.placed, view.scene.placed(found.placed));
-    let at = InTree { view, number, placed: &placed };
+    let (id, placed) = (found.tree, view.frame_of(found.tree));
+    let at = InTree { view, id, placed: &placed };
     let rest = seen.answer(&at, want, from_ref(ray), from_ref(found), 1, out);
-    if rest.lacking != 0 { Err(lacking(view, found.placed, &found.tri, want)) } else { Ok(rest.outside == 0) }
+    if rest.lacking != 0 { Err(lacking(view, found, want)) } else { Ok(rest.outside == 0) }
 }
 
 /// The distance before which no original surface lies on a ray that first entered a stand-in there: the cell and its
 /// slabs hold all that the stand-in represents.
 #[inline(always)]
 fn free_before(view: &SceneView, ray: &Ray, cell: FirstCell) -> f64 {
-    let placed = view.scene.placed(cell.placed);
+    let placed = view.frame_of(cell.tree);
     (cell.t - placed.slack(ray.origin, ray.dir, cell.t)).max(ray.begins())
 }
 

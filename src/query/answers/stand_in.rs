@@ -76,7 +76,7 @@ impl<const N: usize> StandIns<N> {
             set_column(&mut self.dir, i, dir(i));
         }
         let local = |i: usize| p.local_vector(dir(i).as_dvec3());
-        let filter = at.view.filter(at.number);
+        let filter = at.number().and_then(|number| at.view.filter(number));
         let unseen = filter.as_ref().map_or(0, |filter| filter.unseen_bits);
         let gone = tree.cells(rays, |i| hits.hit(i), local, (is_whole, unseen), &mut self.cells);
         self.first_part = p.first_part;
@@ -114,14 +114,14 @@ impl<const N: usize> StandIns<N> {
             self.cells.coloured &= !(1 << i);
         }
         if filter.hides(part) {
-            let shown = at.view.scene.shown_blocks(at.number);
+            let shown = at.number().and_then(|number| at.view.scene.shown_blocks(number));
             let visible = shown.and_then(|shown| shown.part_in(listed_by));
             self.cells.part[i] = visible.unwrap_or(u32::MAX);
         }
     }
 
-    /// The model's part with the largest visible area of the stand-in of ray `i`, over all directions; `u32::MAX` if
-    /// that part is hidden, and no visible one is known.
+    /// The model's part with the largest visible area of the stand-in of ray `i`, over all directions, or the member of
+    /// a top tree; `u32::MAX` if that part is hidden, and no visible one is known.
     #[inline(always)]
     pub fn part(&self, i: usize) -> u32 {
         self.first_part.saturating_add(self.cells.part[i])
@@ -436,10 +436,10 @@ pub(crate) struct Look<'a> {
 /// The stand-in of the hit `found`; `None` if the hit is no stand-in or its block is missing.
 pub(crate) fn look<'a>(view: &'a SceneView<'a>, ray: &'a Ray, found: &'a Found) -> Option<Look<'a>> {
     found.tri.stand_in()?;
-    let mut look = Look { t: 0.0, view, ray, found, placed: view.scene.placed(found.placed), one: StandIns::NONE };
+    let mut look = Look { t: 0.0, view, ray, found, placed: view.frame_of(found.tree), one: StandIns::NONE };
     let gone = look.one.look(
-        &InTree { view, number: found.placed, placed: &look.placed },
-        &view.tree(found.placed),
+        &InTree { view, id: found.tree, placed: &look.placed },
+        &view.tree_with(found.tree),
         1,
         |_| ray.dir,
         std::slice::from_ref(found),
@@ -453,13 +453,14 @@ pub(crate) fn look<'a>(view: &'a SceneView<'a>, ray: &'a Ray, found: &'a Found) 
 pub(crate) fn ask_for(view: &SceneView, found: &[Found], rays: u32) {
     for of_sides in [false, true] {
         for i in bits(rays) {
-            view.tree(found[i].placed).prefetch_cell(&found[i].tri, of_sides);
+            view.tree_with(found[i].tree).prefetch_cell(&found[i].tri, of_sides);
         }
     }
 }
 
 impl<'a> Look<'a> {
-    /// The model's part with the largest visible area, over all directions; `u32::MAX` if that part is hidden.
+    /// The part with the largest visible area, over all directions: see [`SceneView::shown_by`]. `u32::MAX` if that
+    /// part is hidden.
     pub fn part(&self) -> u32 {
         self.one.part(0)
     }
@@ -467,7 +468,7 @@ impl<'a> Look<'a> {
     /// See [`StandIns::error`].
     pub fn error(&self) -> f32 {
         let along = self.ray.dir.as_dvec3() * self.t;
-        self.one.error(0, &self.view.tree(self.found.placed), &self.placed, &self.found.tri, self.ray.origin, along)
+        self.one.error(0, &self.view.tree_with(self.found.tree), &self.placed, &self.found.tri, self.ray.origin, along)
     }
 
     /// The distance at which the ray leaves the cell.

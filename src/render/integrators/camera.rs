@@ -49,7 +49,8 @@ impl<'v> Direct<'v> {
     /// Determines the placed trees that a packet's rays may enter.
     fn enter(&self, rays: &CameraPacket, entered: &mut Vec<Entered>) -> Enters<'v> {
         let (origins, dirs) = rays.extremes(self.isa());
-        let is_few = self.view.entered(&Beam::from_points(origins, dirs, 0.0, u32::MAX), f64::INFINITY, entered);
+        let beam = Beam::from_points(origins, dirs, 0.0, u32::MAX);
+        let is_few = self.view.entered(&beam, rays.widest(), f64::INFINITY, entered);
         match entered[..] {
             [] if is_few => Enters::None,
             // Rays with an origin farther away must be moved nearer.
@@ -176,7 +177,7 @@ impl<'v> Direct<'v> {
         let mut near = Box::new(Near { rays: CameraPacket::clone(rays), ahead: [0.0; PACKET] });
         near.rays.spread();
         for i in bits(active) {
-            let placed = self.view.scene.placed(found[i].placed);
+            let placed = self.view.frame_of(found[i].tree);
             let ahead = (found[i].t - placed.extent()).max(0.0);
             near.rays.advance(i, rays.dir(i).as_dvec3() + rest[i].as_dvec3(), ahead);
             found[i].t -= ahead;

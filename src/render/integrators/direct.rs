@@ -19,7 +19,7 @@ use crate::scene::Group;
 use crate::scene::camera::PixelRays;
 use crate::scene::packet::ScenePacket;
 use crate::scene::placed::Placed;
-use crate::scene::walk::{Found, Need, SceneView};
+use crate::scene::walk::{Found, HitTree, Need, SceneView};
 use crate::simd::{Isa, Op, Simd, dispatch};
 use glam::{DVec2, DVec3, Vec3};
 
@@ -269,12 +269,12 @@ impl Direct<'_> {
         (dir.as_dvec3() * t).dot(self.rays.forward()) as f32
     }
 
-    /// Returns the caller's ids of a part and its instance.
-    pub(super) fn ids(&self, placed: u64, part: u32) -> (u64, u64) {
-        let scene = self.view.scene;
+    /// Returns the caller's ids of a part and its instance, and the number of the placed tree.
+    pub(super) fn ids(&self, tree: HitTree, part: u32) -> [u64; 3] {
+        let (scene, (placed, part)) = (self.view.scene, self.view.shown_by(tree, part));
         let instance = scene.ids_of(placed).instance;
         let id = self.view.model_of(placed).parts().id(part as usize).unwrap_or(NONE);
-        (id, scene.instance_id(instance))
+        [id, scene.instance_id(instance), placed]
     }
 
     /// Converts a stand-in's error at distance `t` from world units to pixels.
@@ -294,14 +294,16 @@ impl Direct<'_> {
     }
 
     /// True if a part or its instance overrides the part's colour.
-    pub(super) fn recoloured(&self, placed: u64, part: u32) -> bool {
+    pub(super) fn recoloured(&self, tree: HitTree, part: u32) -> bool {
+        let (placed, part) = self.view.shown_by(tree, part);
         let p = self.view.scene.ids_of(placed);
         let instance = self.view.scene.state_of(p.instance);
         instance.look.colour.is_some() || instance.parts.looks.coloured.get(&part).is_some_and(|s| s.colour.is_some())
     }
 
     /// Returns the part's material, under the states of part and instance, and true if it is selected.
-    pub(super) fn material(&self, placed: u64, part: u32) -> (Material, bool) {
+    pub(super) fn material(&self, tree: HitTree, part: u32) -> (Material, bool) {
+        let (placed, part) = self.view.shown_by(tree, part);
         let p = self.view.scene.ids_of(placed);
         let instance = self.view.scene.state_of(p.instance);
         let info = self.view.model_of(placed).parts().get(part as usize);

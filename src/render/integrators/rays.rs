@@ -3,10 +3,11 @@
 
 use super::direct::{Direct, Pixels};
 use super::shading::{Row, Vectors};
-use crate::math::{PACKET, Ray, bits};
+use crate::math::{Cone, PACKET, Ray, bits};
 use crate::scene::camera::PixelRays;
 use crate::scene::group::CameraRays;
 use crate::scene::ray_rows::RayRows;
+use crate::scene::widths::Width;
 use crate::simd::{Isa, Op, Simd, dispatch};
 use crate::structure::PacketWalk;
 use glam::{DVec3, Vec3};
@@ -90,6 +91,13 @@ impl CameraPacket {
     pub fn extremes(&self, isa: Isa) -> ([DVec3; 2], [[f32; 2]; 3]) {
         let (origins, dirs) = dispatch(isa, Extremes(self));
         (self.eye.map_or(origins, |eye| [eye; 2]), dirs)
+    }
+
+    /// A bound of the widths of the rays.
+    pub fn widest(&self) -> Width {
+        let greatest = |row: &[f32; PACKET]| row.iter().fold(0.0, |greatest: f32, width| greatest.max(*width));
+        let [a, b] = &self.rows.cone;
+        Width::of_units(Cone { a: greatest(a), b: greatest(b) })
     }
 
     /// Gives each ray an origin of its own, if they share one.

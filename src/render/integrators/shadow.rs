@@ -55,7 +55,7 @@ impl Direct<'_> {
         }
         for i in bits(met) {
             let found = group.found(i, true);
-            if let Some(need) = self.view.wanted(found.placed, &found.tri) {
+            if let Some(need) = self.view.wanted(found.tree, &found.tri) {
                 wants.add(need, 1.0);
             }
         }
@@ -84,7 +84,7 @@ impl Direct<'_> {
                     continue;
                 }
                 let behind = stand_in::look(&self.view, &rays[i], &found).map_or(found.t, |look| look.leave());
-                rays[i].t_min = behind + self.view.scene.placed(found.placed).extent() * LEAVE;
+                rays[i].t_min = behind + self.view.frame_of(found.tree).extent() * LEAVE;
             }
         }
         Ok(())
@@ -93,10 +93,10 @@ impl Direct<'_> {
     /// Returns the opacity of the hit surface, under the states of part and instance.
     fn opacity(&self, ray: &Ray, found: &Found) -> Result<f32, Need> {
         if let Some(look) = stand_in::look(&self.view, ray, found) {
-            return Ok(self.material(found.placed, look.part()).0.opacity);
+            return Ok(self.material(found.tree, look.part()).0.opacity);
         }
         let (_, part) = self.view.triangle(found)?;
         // The colours of single triangles have no opacity.
-        Ok(self.material(found.placed, part).0.opacity)
+        Ok(self.material(found.tree, part).0.opacity)
     }
 }

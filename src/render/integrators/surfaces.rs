@@ -12,7 +12,7 @@ use crate::query::NONE;
 use crate::query::answers::{InTree, Seen, TreeHits, weights};
 use crate::render::wants::Wants;
 use crate::scene::placed::Placed;
-use crate::scene::walk::Need;
+use crate::scene::walk::{HitTree, Need};
 use glam::{DVec3, Vec3};
 
 /// Height at which a stand-in's rays begin above the surface that it replaces, as a fraction of the ray's width. The
@@ -141,15 +141,15 @@ impl Direct<'_> {
         let mut out = Out { seen, surfaces, shading, first, wants };
         if let Some(number) = met.only {
             let placed = self.view.scene.placed(number);
-            let at = InTree { view: &self.view, number, placed: &placed };
+            let at = InTree { view: &self.view, id: HitTree::Placed(number), placed: &placed };
             return self.see(&InOne { at, met: active, all: active, hits: &**group, rays, ahead, note }, &mut out);
         }
         let mut left = active;
         while left != 0 {
-            let number = found[left.trailing_zeros() as usize].placed;
-            let like = bits(left).filter(|&i| found[i].placed == number).fold(0, |all, i| all | 1 << i);
-            let placed = self.view.scene.placed(number);
-            let at = InTree { view: &self.view, number, placed: &placed };
+            let id = found[left.trailing_zeros() as usize].tree;
+            let like = bits(left).filter(|&i| found[i].tree == id).fold(0, |all, i| all | 1 << i);
+            let placed = self.view.frame_of(id);
+            let at = InTree { view: &self.view, id, placed: &placed };
             self.see(&InOne { at, met: like, all: active, hits: &found[..], rays, ahead, note }, &mut out)?;
             left &= !like;
         }
@@ -164,7 +164,7 @@ impl Direct<'_> {
         let is_whole = note != 0 || self.casts || self.view.scene.see_through || self.view.accept_missing;
         let gone = seen.look(at, met, |i| rays.dir(i), hits, [true, is_whole]);
         if let Some(i) = bits(gone).next() {
-            return Err(self.view.need(at.number, tree.block_of(&hits.hit(i))));
+            return Err(at.need_of(&hits.hit(i)));
         }
         hits.distances(met, &mut surfaces.t);
         let begun = (0..PACKET).fold(0, |all, i| all | u32::from(rays.begins()[i] != 0.0) << i);
@@ -186,7 +186,7 @@ impl Direct<'_> {
         bits(seen.cells()).for_each(|i| shading.facing[i] = seen.stand_ins().along()[i]);
         for i in bits(lacking & met) {
             if let Err(block) = tree.normals(&hits.hit(i)) {
-                self.later(self.view.need(at.number, block), out.wants)?;
+                self.later(at.need(block), out.wants)?;
             }
         }
         lacking |= self.materials(one, met, all & !at_origin == met, out)?;
@@ -237,17 +237,17 @@ impl Direct<'_> {
         out: &mut Out,
     ) -> Result<u32, Need> {
         let Out { seen, surfaces, shading, wants, .. } = out;
-        let (tree, number) = (one.at.tree(), one.at.number);
+        let (tree, id) = (one.at.tree(), one.at.id);
         let has_colours = tree.has_colours();
         let (mut left, mut lacking) = (met, 0);
         while left != 0 {
             let part = surfaces.part[left.trailing_zeros() as usize];
             let like = left & same(&surfaces.part, part);
             left &= !like;
-            let (material, is_selected) = self.material(number, part);
+            let (material, is_selected) = self.material(id, part);
             shading.set_material(like, are_all && like == met, &material);
             bits(like).for_each(|i| surfaces.opacity[i] = material.opacity);
-            if (seen.coloured() & like == 0 && !has_colours) || self.recoloured(number, part) {
+            if (seen.coloured() & like == 0 && !has_colours) || self.recoloured(id, part) {
                 continue;
             }
             bits(seen.coloured() & like).for_each(|i| shading.set_colour(i, seen.stand_ins().colour(i)));
@@ -264,7 +264,7 @@ impl Direct<'_> {
                     }
                     Err(block) => {
                         lacking |= 1 << i;
-                        self.later(self.view.need(number, block), wants)?;
+                        self.later(one.at.need(block), wants)?;
                     }
                 }
             }
@@ -311,7 +311,7 @@ impl Direct<'_> {
             }
         }
         for i in bits(missing) {
-            if let Some(need) = self.view.wanted(one.at.number, &one.hits.hit(i)) {
+            if let Some(need) = self.view.wanted(one.at.id, &one.hits.hit(i)) {
                 let error = self.in_pixels(surfaces.error[i], surfaces.t[i] + one.ahead(i));
                 wants.add(need, error.min(1e6));
             }
@@ -336,8 +336,7 @@ impl Direct<'_> {
         }
         if self.asks.ids {
             bits(note).for_each(|i| {
-                (first.part[i], first.instance[i]) = self.ids(one.at.number, surfaces.part[i]);
-                first.occurrence[i] = one.at.number;
+                [first.part[i], first.instance[i], first.occurrence[i]] = self.ids(one.at.id, surfaces.part[i]);
             });
         }
         if self.asks.precise {
@@ -358,7 +357,7 @@ impl Direct<'_> {
                 first.prim[i] = match tree.prim(&one.hits.hit(i)) {
                     Ok(prim) => prim.map_or(NONE, u64::from),
                     Err(block) => {
-                        self.later(self.view.need(one.at.number, block), wants)?;
+                        self.later(one.at.need(block), wants)?;
                         NONE
                     }
                 };

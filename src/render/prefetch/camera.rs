@@ -64,7 +64,7 @@ impl InView {
         if !found.is_hit() {
             return false;
         }
-        let Some(need) = view.wanted(found.placed, &found.tri) else { return look_beside(view, &found, lacking) };
+        let Some(need) = view.wanted(found.tree, &found.tri) else { return look_beside(view, &found, lacking) };
         let (t, error) = stand_in::look(view, &ray, &found).map_or((found.t, 0.0), |look| (look.t, look.error()));
         let width = f64::from(pixel.a) + f64::from(pixel.b) * t;
         lacking.add(need, (f64::from(error) / width.max(f64::MIN_POSITIVE)) as f32);
@@ -77,8 +77,8 @@ fn look_beside(view: &SceneView, found: &Found, lacking: &mut Lacking) -> bool {
     if found.tri.stand_in().is_some() {
         return false;
     }
-    let tree = view.tree(found.placed);
+    let tree = view.tree_with(found.tree);
     let missing = [tree.normals(&found.tri).err(), tree.colours(&found.tri).err()];
-    missing.iter().flatten().for_each(|block| lacking.add(view.need(found.placed, *block), 0.0));
+    missing.iter().flatten().for_each(|block| lacking.add(view.need(found.placed(), *block), 0.0));
     missing.iter().any(Option::is_some)
 }

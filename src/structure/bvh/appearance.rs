@@ -71,15 +71,29 @@ impl Appearance {
 }
 
 impl TreeView<'_> {
+    /// The root with its block, if that is in memory; `None` also for trees of one triangle or of none.
+    fn root_node(&self) -> Option<(Block<'_>, usize)> {
+        let Child::Node(index) = Child::from_bits(self.root) else { return None };
+        let words = self.snapshot.block(BlockId(self.root_block)).filter(|_| !self.is_empty())?;
+        Some((Block::new(words), index))
+    }
+
+    /// See [`crate::structure::Tree::root_parts`].
+    pub fn root_parts(&self) -> Option<[Option<(u32, f32)>; WIDTH]> {
+        let (block, index) = self.root_node()?;
+        let node = block.node(index);
+        let mut parts = [None; WIDTH];
+        for slot in bits(node.valid.into()) {
+            parts[slot] = Some((block.voxel(index, slot).part().0, node.stored_box(slot).half_area()));
+        }
+        Some(parts)
+    }
+
     /// See [`crate::structure::Tree::appearance`].
     pub fn appearance(&self, colour_of: &dyn Fn(u32) -> Vec3) -> Option<Appearance> {
-        let Child::Node(index) = Child::from_bits(self.root) else { return None };
-        let block = Block::new(self.snapshot.block(BlockId(self.root_block))?);
+        let (block, index) = self.root_node().filter(|_| !self.has_members)?;
         let node = block.node(index);
         let slots: Vec<usize> = bits(node.valid.into()).collect();
-        if self.is_empty() || self.has_members {
-            return None;
-        }
         let boxes: Vec<Bounds> = slots.iter().map(|slot| node.stored_box(*slot)).collect();
         let slabs: Vec<_> = slots.iter().map(|slot| node.stored_oriented_slabs(*slot)).collect();
         let cell = boxes.iter().fold(Bounds::EMPTY, |all, b| all.union(*b));
@@ -203,6 +217,11 @@ impl MemberLook<'_> {
 }
 
 impl Appearance {
+    /// Bytes of memory.
+    pub fn bytes(&self) -> u64 {
+        (size_of::<Self>() + size_of_val(&self.points[..])) as u64
+    }
+
     /// The slabs in another frame. Their axes turn through the inverse transpose. In single precision these are not
     /// quite the images of the old ones, so the planes are bounds of the content along the axes as they are stored.
     fn placed_slabs(&self, map: &DAffine3, inverse: &DMat3) -> Option<OrientedSlabs<f32>> {

@@ -17,6 +17,7 @@ use crate::residency::{Slot, Snapshot};
 use crate::simd::Isa;
 use crate::structure::tree::{Blocks, NEVER, Tree};
 use std::collections::BTreeSet;
+use std::sync::Arc;
 
 /// A child of a node of a tree over members.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -35,7 +36,7 @@ pub struct Members {
     max_coord: f32,
     /// Blocks that differ from those of the build.
     changed: BTreeSet<u32>,
-    appearance: Option<Appearance>,
+    appearance: Option<Arc<Appearance>>,
 }
 
 impl Members {
@@ -69,6 +70,7 @@ impl Members {
         let count = built.len() as u32;
         let slots = (0..).zip(built).map(|(id, words)| (BlockId(id), Slot::new(&words)));
         let blocks = Snapshot::empty(count).with(slots);
+        let appearance = appearance.map(Arc::new);
         Ok(Self { blocks, root: count - 1, max_coord, changed: BTreeSet::new(), appearance })
     }
 
@@ -80,7 +82,7 @@ impl Members {
 
     /// What the members look like together, for a tree over several such groups. `None` if not all are described, or
     /// some have moved.
-    pub fn appearance(&self) -> Option<&Appearance> {
+    pub fn appearance(&self) -> Option<&Arc<Appearance>> {
         self.appearance.as_ref()
     }
 
