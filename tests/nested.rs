@@ -494,13 +494,13 @@ fn ray_of(rays: &PixelRays, (x, y): (u32, u32), poe: f32) -> Ray {
     Ray { cone: Cone { a: ray.cone.a * factor, b: ray.cone.b * factor }, ..ray }
 }
 
-fn seen_from(eye: DVec3, at: DVec3, fov_y_degrees: f64) -> Camera {
+pub fn seen_from(eye: DVec3, at: DVec3, fov_y_degrees: f64) -> Camera {
     Camera::Perspective { eye, at, up: DVec3::Z, fov_y_degrees }
 }
 
 /// A picture whose occurrences, of triangles and stand-ins, are in each pixel those of the hit that a query with the
 /// pixel's ray returns, also if no other buffer is asked for. Returns the hits.
-fn hits_of_a_picture(context: &Context, state: &Arc<SceneState>, camera: &Camera, poe: f32) -> Vec<Hit> {
+pub fn hits_of_a_picture(context: &Context, state: &Arc<SceneState>, camera: &Camera, poe: f32) -> Vec<Hit> {
     let (width, height) = (90, 70);
     let rendered = |outputs: Outputs| {
         let frame = Frame::new(context, FrameOptions { width, height, outputs, ..FrameOptions::default() });

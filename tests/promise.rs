@@ -2,17 +2,16 @@
 //! none; a miss is a miss. Checked in double precision against the input's triangles in the world, over stand-ins and
 //! triangles, pixels of error, nested scaled instances, and rays that begin inside.
 
-use crate::common::brute::{Oracle, Ray64, Tri};
+use crate::common::brute::{Oracle, Tri};
 use crate::common::built::{self, Built};
 use crate::common::bvh64::Bvh64;
-use crate::common::promise::slack;
-use crate::common::rays::{Ray32, RayKind, RayMaker};
-use crate::common::rounding::{Rounding, Seen, shift};
+use crate::common::promise::{Tally, ask, judge, with_cone};
+use crate::common::rays::{RayKind, RayMaker};
 use crate::common::scenes::{self, Soup};
 use glam::{DAffine3, DQuat, DVec3};
 use outcrop::import::{Attributes, MeshKey, PartDesc, Sink};
-use outcrop::math::{Cone, Ray};
-use outcrop::query::{Hit, HitKind, Policy, QueryOptions, Want};
+use outcrop::math::Ray;
+use outcrop::query::{HitKind, Policy};
 use outcrop::render::{Frame, FrameOptions, FrameSettings};
 use outcrop::scene::{Camera, Context, ContextOptions, Model, Scene, SceneState};
 use std::sync::Arc;
@@ -22,27 +21,8 @@ use std::sync::atomic::{AtomicBool, Ordering::SeqCst};
 fn rays_of_a_setting() -> usize {
     built::sized(40_000, 8000)
 }
-/// In widths of its cone: so far from original surface a ray is at most where it is not free, of those that passed
-/// stand-ins.
-const LONG: f64 = 8.0;
-const POE: [f32; 5] = [0.5, 1.0, 3.0, 10.0, 32.0];
-/// `t_free` says nothing of surfaces met within 0.9 degrees of edge-on.
-const EDGE_ON: f64 = 1.0 / 64.0;
 
-/// What was seen.
-#[derive(Default)]
-struct Tally {
-    exact: u64,
-    lod: u64,
-    missing: u64,
-    misses: u64,
-    /// Of these, such that passed stand-ins.
-    transmitted: u64,
-    /// How far original surface is from where these are not free, in widths of their cones.
-    apart: f64,
-    /// Stated over true error, of stand-ins.
-    slack: Vec<f64>,
-}
+const POE: [f32; 5] = [0.5, 1.0, 3.0, 10.0, 32.0];
 
 /// The model placed twice, one placing turned and stretched; in it the mesh is repeated, small and squeezed.
 struct Nested {
@@ -83,82 +63,6 @@ fn placings(size: f64) -> [DAffine3; 2] {
 
 fn size_of(soup: &Soup) -> f64 {
     soup.tris.iter().flatten().map(|v| v.abs().max_element()).fold(0.0, f64::max)
-}
-
-/// A pixel of a picture of some hundred rows, times the pixels of error; some rays have parallel sides.
-fn with_cone(ray: &Ray32, i: usize, poe: f32, size: f64) -> Ray {
-    let wide = ray.wide();
-    let length = wide.dir.length();
-    let (pixel, root) = (0.7 / 300.0, f64::from(poe).sqrt());
-    let cone = match i % 4 {
-        0 => Cone { a: (pixel * size * root) as f32, b: 0.0 },
-        1 => Cone { a: (pixel * 0.1 * size * root) as f32, b: (pixel * length * root) as f32 },
-        _ => Cone { a: 0.0, b: (pixel * length * root) as f32 },
-    };
-    Ray { t_min: wide.t_min, t_max: wide.t_max, cone, ..Ray::new(wide.org, ray.dir) }
-}
-
-fn is_plainly_met(ray: &Ray64, tri: &Tri) -> bool {
-    let normal = (tri[1] - tri[0]).cross(tri[2] - tri[0]).normalize_or_zero();
-    let cosine = normal.dot(ray.dir.normalize()).abs();
-    cosine > EDGE_ON && Seen::new(ray, tri).depth() > shift(ray, tri, Rounding::LOCALISED)
-}
-
-impl Tally {
-    /// A miss says that it passed a stand-in only if it has a cone, and where it is about the ray there is something:
-    /// such cells are long and thin at most. (Of rays that lack what would tell nothing is free.)
-    fn judge_passed(&mut self, oracle: &Bvh64, ray: &Ray, hit: &Hit) {
-        let width = f64::from(ray.cone.a) + f64::from(ray.cone.b) * hit.t_free;
-        assert!(width > 0.0, "a stand-in transmitted {ray:?}");
-        if hit.t_free > ray.t_min {
-            let at = ray.origin + ray.dir.as_dvec3() * hit.t_free;
-            let apart = oracle.distance(at, LONG * width);
-            self.apart = self.apart.max(apart / width);
-            assert!(apart <= LONG * width, "nothing is near where {ray:?} is not free: {hit:?}");
-        }
-    }
-}
-
-fn judge(oracle: &Bvh64, ray: &Ray, hit: &Hit, tally: &mut Tally) {
-    let wide = Ray64 { org: ray.origin, dir: ray.dir.as_dvec3(), t_min: ray.t_min, t_max: ray.t_max };
-    let free = hit.t_free.min(ray.t_max);
-    if free > ray.t_min {
-        let before = oracle.all(&wide, free.next_down());
-        // Nor of the surface that the ray starts on.
-        let start = if hit.kind == HitKind::Exact { hit.t - hit.t_free } else { 1e-5 * (1.0 + ray.origin.length()) };
-        let mut before = before.iter().filter(|q| q.t > ray.t_min + start);
-        let seen = before.find(|q| is_plainly_met(&wide, &oracle.tris()[q.prim as usize]));
-        assert_eq!(seen, None, "a surface before t_free: {ray:?}: {hit:?}");
-    }
-    match hit.kind {
-        HitKind::Miss => {
-            tally.misses += 1;
-            if hit.t_free < f64::INFINITY {
-                tally.transmitted += 1;
-                tally.judge_passed(oracle, ray, hit);
-            }
-        }
-        HitKind::Exact => tally.exact += 1,
-        HitKind::Lod => tally.lod += 1,
-        HitKind::Missing => tally.missing += 1,
-    }
-    if hit.kind == HitKind::Miss {
-        return;
-    }
-    assert!((ray.t_min..=ray.t_max).contains(&hit.t) && hit.t_free <= hit.t, "{ray:?}: {hit:?}");
-    assert!((hit.normal.length() - 1.0).abs() < 1e-4 && hit.normal.dot(ray.dir) <= 1e-4 * ray.dir.length(), "{hit:?}");
-    let stated = f64::from(hit.error);
-    let slack = slack(oracle, hit.position, stated);
-    let slack = slack.unwrap_or_else(|truth| panic!("the surface is {truth} away, not {stated}: {ray:?}: {hit:?}"));
-    if hit.kind != HitKind::Exact {
-        tally.slack.push(slack);
-    }
-}
-
-fn ask(state: &SceneState, rays: &[Ray], coherent: bool, policy: Policy) -> Vec<Hit> {
-    let mut hits = vec![Hit::MISS; rays.len()];
-    state.closest(rays, QueryOptions { coherent, want: Want::ALL, policy }, &mut hits).expect("hits");
-    hits
 }
 
 fn check_scene(name: &str, state: &Arc<SceneState>, oracle: &Bvh64, size: f64, count: usize) {

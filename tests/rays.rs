@@ -15,6 +15,7 @@ mod few_rays;
 mod instances;
 mod intervals;
 mod many_trees;
+mod group_cells;
 mod member_cells;
 mod memory;
 mod nested;

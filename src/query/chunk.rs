@@ -180,14 +180,7 @@ impl Chunk {
             let rest = if met == 0 {
                 Rest::default()
             } else {
-                self.seen.answer(
-                    &InTree { view, id, placed: &view.frame_of(id) },
-                    task.want,
-                    rays,
-                    &found,
-                    met,
-                    out,
-                )
+                self.seen.answer(&InTree { view, id, placed: &view.frame_of(id) }, task.want, rays, &found, met, out)
             };
             if rest.is_none() {
                 return self.write(task, first, rays.len(), met, hits);
@@ -261,14 +254,7 @@ impl Chunk {
         if met == 0 {
             Rest::default()
         } else {
-            seen.answer(
-                &InTree { view, id, placed: &view.frame_of(id) },
-                want,
-                rays,
-                &*group,
-                met,
-                out,
-            )
+            seen.answer(&InTree { view, id, placed: &view.frame_of(id) }, want, rays, &*group, met, out)
         }
     }
 
@@ -441,14 +427,7 @@ fn answer_by_trees(
         let like = bits(left).filter(|&i| found[i].tree == id).fold(0, |all, i| all | 1 << i);
         left &= !like;
         if like.count_ones() > FEW {
-            let more = seen.answer(
-                &InTree { view, id, placed: &view.frame_of(id) },
-                want,
-                rays,
-                found,
-                like,
-                hits,
-            );
+            let more = seen.answer(&InTree { view, id, placed: &view.frame_of(id) }, want, rays, found, like, hits);
             (rest.outside, rest.lacking) = (rest.outside | more.outside, rest.lacking | more.lacking);
             continue;
         }

@@ -1,7 +1,7 @@
 //! The commit of a scene: the placement of all trees, and the states of all instances.
 
-use super::commit_inner::InnerScenes;
 use super::appearances::MemberLooks;
+use super::commit_inner::InnerScenes;
 use super::draft::{Draft, DraftArray, DraftScene, DraftState};
 use super::edit::Scene;
 use super::groups::Groups;

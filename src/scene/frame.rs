@@ -242,12 +242,7 @@ impl SceneState {
 
     /// [`SceneState::children`], also with the least width of rays for which the child's cell may stand in.
     #[inline]
-    pub(super) fn children_and_widths(
-        &self,
-        node: NodeRef,
-        scenes: Scenes,
-        visit: impl FnMut(Target, DBounds, f64),
-    ) {
+    pub(super) fn children_and_widths(&self, node: NodeRef, scenes: Scenes, visit: impl FnMut(Target, DBounds, f64)) {
         Frame::with(self, node.level, node.first).children(node.node, scenes, visit);
     }
 

@@ -174,18 +174,7 @@ impl Placed {
         let Measures { stretch, loss } = Measures::of(&linear);
         let position_error = self.position_error * Measures::of(&map.matrix3).stretch;
         let bounds = self.bounds.transformed(map);
-        Self {
-            linear,
-            inverse,
-            offset,
-            mesh_origin: offset,
-            unturned,
-            stretch,
-            loss,
-            position_error,
-            bounds,
-            ..*self
-        }
+        Self { linear, inverse, offset, mesh_origin: offset, unturned, stretch, loss, position_error, bounds, ..*self }
     }
 
     /// A bound below the least singular value of the map to the world: no distance grows by a smaller factor.

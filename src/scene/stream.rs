@@ -7,12 +7,12 @@ use super::beam::Beam;
 use super::box_ray::PacketBoxRays;
 use super::frame::{Scenes, Target};
 use super::group::Entered;
-use super::widths::Width;
 use super::placed::At;
 use super::ray_rows::RayRows;
 use super::state::Stand;
 use super::top_walk::TopWalk;
 use super::walk::{FirstCell, Found, HitTree, SceneView, SceneWalk, Step};
+use super::widths::Width;
 use crate::math::{PACKET, Ray, STREAM, bits, first_rays};
 use crate::structure::{LocalRay, LocalRays, Outcome, Stream, TriHit, Walk};
 
@@ -255,8 +255,7 @@ impl SceneView<'_> {
             let goes_on = |it: &mut Entering| {
                 let ray = it.ray as usize;
                 let is_done = !walk.goes_on[ray] || ANY && found[ray].is_hit();
-                let next =
-                    if is_done { None } else { self.next_tree::<ANY>(&rays[ray], ray, &mut found[ray], walk) };
+                let next = if is_done { None } else { self.next_tree::<ANY>(&rays[ray], ray, &mut found[ray], walk) };
                 *it = next.unwrap_or(*it);
                 next.is_some()
             };
