@@ -263,7 +263,7 @@ fn pictures_show_the_groups_of_queries() {
     let forest = Forest::around(&context, DVec3::ZERO);
     let (state, middle) = (forest.scene.state(), forest.middle());
     let mut groups = 0;
-    for (away, poe) in [(3.0, 3.0), (12.0, 9.0), (30.0, 60.0)] {
+    for (away, poe) in [(1.0, 30.0), (2.0, 30.0), (4.0, 60.0)] {
         let eye = middle + DVec3::new(0.3, -1.0, 0.8) * HALF * 8.0 * away;
         let hits = hits_of_a_picture(&context, &state, &seen_from(eye, middle, 40.0), poe);
         groups += hits.iter().filter(|hit| is_group(hit)).count();

@@ -58,7 +58,7 @@ type Placed = (Arc<Appearance>, DAffine3);
 
 impl SceneState {
     /// What all of it looks like; `None` if that is not known, or some of it has a look of its own.
-    fn appearance(&self) -> Option<Placed> {
+    pub(super) fn appearance(&self) -> Option<Placed> {
         let top = self.top();
         if !self.groups.stand_in && top.count() > 1 {
             return None;
@@ -112,6 +112,12 @@ impl<'a> MemberLooks<'a> {
             scenes.entry(Arc::as_ptr(scene)).or_insert_with(|| scene.appearance());
         });
         Self { placement, models, singles, arrays: placement.arrays.iter().map(of_array).collect(), scenes }
+    }
+
+    /// Those of [`Placement::inner_scenes`].
+    pub fn of_scenes(&self) -> Vec<Option<Arc<Appearance>>> {
+        let of = |it: &Arc<SceneState>| self.scenes.get(&Arc::as_ptr(it))?.as_ref().map(|it| Arc::clone(&it.0));
+        self.placement.inner_scenes().map(of).collect()
     }
 
     /// That of a member, in the scene.

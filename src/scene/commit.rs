@@ -35,7 +35,11 @@ impl Scene {
         if levels > MOST_LEVELS {
             return Err(Error::bad_argument(format!("scenes are in each other at more than {MOST_LEVELS} levels")));
         }
-        draft.moved |= !scenes.are_in(&self.state().placement);
+        let before = self.state();
+        draft.moved |= !scenes.stand_in(&before.placement);
+        // Scenes in this one may have new states in the places of the last commit.
+        let has_new_states = !draft.moved && !scenes.are_in(&before.placement);
+        draft.moved |= has_new_states && !draft.shifted.is_empty();
         let of_singles = draft.instances.len() * (size_of::<Instance>() + size_of::<InstanceState>());
         let of_scenes = draft.scenes.len() * (size_of::<DraftScene>() + INDEX);
         let bytes = (of_singles + of_scenes) as u64 + scenes.state_bytes(draft);
@@ -91,13 +95,17 @@ impl Scene {
         let placement = if draft.moved {
             Arc::new(placing.place(self, draft, &singles, &models, models_of, &scenes)?)
         } else {
-            refitted.map_or_else(|| Arc::clone(&self.state().placement), Arc::new)
+            match refitted {
+                Some(refitted) => Arc::new(refitted),
+                None if has_new_states => Arc::new(scenes.in_places_of(&before.placement)),
+                None => Arc::clone(&before.placement),
+            }
         };
         let see_through = models.iter().any(Model::see_through)
             || states.own().any(|it| it.look.see_through() || it.parts.looks.see_through())
             || scenes.see_through(draft);
         let hides_parts = states.own().any(|it| !it.parts.trees.is_empty()) || scenes.all().any(|it| it.hides_parts);
-        scenes.add_states(draft, &mut states);
+        scenes.add_states(draft, &before.states, &mut states);
         states.find_seen_by();
         let mut state = SceneState {
             see_through,
@@ -224,7 +232,8 @@ impl Placing {
         let position_error = placement.position_error;
         let looks = MemberLooks::of(&placement, models);
         let top = TopTree::build(hits, position_error, |member| looks.look(member))?;
-        placement.top = top;
+        let looked = looks.of_scenes();
+        (placement.top, placement.looked) = (Arc::new(top), Arc::new(looked));
         memory.shrink_to(self.bytes - (self.members * Self::BUILD + left) as u64 + placement.top.bytes());
         placement.memory = Arc::new(memory);
         Ok(placement)

@@ -41,6 +41,46 @@ impl InnerScenes {
             && self.all().zip(placed.inner_scenes()).all(|(it, placed)| Arc::ptr_eq(it, placed))
     }
 
+    /// True if they are those of a placement, as far as places go: their states may differ.
+    pub fn stand_in(&self, placed: &Placement) -> bool {
+        let is_same = |a: &SceneState, b: &SceneState| {
+            let same_models =
+                || a.models.len() == b.models.len() && a.models.iter().zip(&b.models).all(|(a, b)| a.same(b));
+            std::ptr::eq(a, b) || Arc::ptr_eq(&a.placement.top, &b.placement.top) && same_models()
+        };
+        self.all().count() == placed.inner_scenes().count()
+            && self.all().zip(placed.inner_scenes()).all(|(it, placed)| is_same(it, placed))
+    }
+
+    /// The placement with these scenes in the places of others, which they [stand in](Self::stand_in).
+    pub fn in_places_of(&self, placed: &Placement) -> Placement {
+        let mut all = self.all();
+        let mut next = |of: &Prototype| Prototype { scene: all.next().unwrap_or(&of.scene).clone(), ..of.clone() };
+        let single = |it: &PlacedScene| PlacedScene { of: next(&it.of), ..*it };
+        let singles = placed.scenes.iter().map(single).collect();
+        let array = |it: &PlacedSceneArray| {
+            let prototypes = it.prototypes.iter().map(&mut next).collect();
+            PlacedSceneArray { prototypes, ..it.clone() }
+        };
+        let arrays = placed.scene_arrays.iter().map(array).collect();
+        Placement {
+            singles: Arc::clone(&placed.singles),
+            firsts: Arc::clone(&placed.firsts),
+            arrays: placed.arrays.clone(),
+            scenes: Arc::new(singles),
+            scene_arrays: Arc::new(arrays),
+            own: placed.own,
+            count: placed.count,
+            top: Arc::clone(&placed.top),
+            looked: Arc::clone(&placed.looked),
+            bounds: placed.bounds.clone(),
+            position_error: placed.position_error,
+            factors: placed.factors.clone(),
+            memory: Arc::clone(&placed.memory),
+            changed: Arc::clone(&placed.changed),
+        }
+    }
+
     /// Number of the members that they make of a top tree.
     pub fn members(&self, draft: &Draft) -> usize {
         self.singles.len() + draft.scene_arrays.iter().map(|it| it.array.len() as usize).sum::<usize>()
@@ -79,21 +119,33 @@ impl InnerScenes {
             + draft.scene_arrays.iter().zip(&self.arrays).map(of_array).sum::<u64>()
     }
 
-    /// Adds the states of what is in them.
-    pub fn add_states(&self, draft: &Draft, states: &mut States) {
-        let under = |inner: &SceneState, state: &DraftState| {
+    /// Adds the states of what is in them. Those of `before`, of the last commit, are used again where they are the
+    /// same: to make them anew takes time in proportion to all that is in the scene.
+    pub fn add_states(&self, draft: &Draft, before: &States, states: &mut States) {
+        let under = |inner: &SceneState, state: &DraftState, known: Option<&Arc<States>>| {
             let inner = &inner.states;
-            if state.is_plain() { Arc::clone(inner) } else { Arc::new(inner.under(&state.committed())) }
+            if state.is_plain() {
+                return Arc::clone(inner);
+            }
+            let outer = state.committed();
+            match known.filter(|it| it.is_of(inner, &outer)) {
+                Some(known) => Arc::clone(known),
+                None => Arc::new(inner.under(&outer)),
+            }
         };
-        let singles = self.singles.iter().zip(draft.scenes.values());
-        states.scenes = singles.map(|(inner, it)| under(inner, &it.state)).collect();
-        let arrays = draft.scene_arrays.iter().zip(&self.arrays).map(|(it, scenes)| SceneArrayStates {
-            common: scenes.iter().map(|scene| under(scene, &it.common)).collect(),
-            own: it
-                .own
-                .iter()
-                .map(|(&member, state)| (member, under(&scenes[it.array.prototype_of(member) as usize], state)))
-                .collect(),
+        let singles = self.singles.iter().zip(draft.scenes.values()).enumerate();
+        states.scenes = singles.map(|(i, (inner, it))| under(inner, &it.state, before.scenes.get(i))).collect();
+        let arrays = draft.scene_arrays.iter().zip(&self.arrays).enumerate().map(|(i, (it, scenes))| {
+            let known = before.scene_arrays.get(i);
+            let common = scenes.iter().enumerate().map(|(i, scene)| {
+                let known = known.and_then(|it| it.common.get(i));
+                under(scene, &it.common, known)
+            });
+            let own = it.own.iter().map(|(&member, state)| {
+                let scene = &scenes[it.array.prototype_of(member) as usize];
+                (member, under(scene, state, known.and_then(|it| it.own.get(&member))))
+            });
+            SceneArrayStates { common: common.collect(), own: own.collect() }
         });
         states.scene_arrays = arrays.collect();
     }

@@ -85,14 +85,22 @@ impl States {
                 own.extend(members.flat_map(|member| array.numbers_of(member)));
             }
         }
+        // Scenes that look otherwise than when the tree was built.
+        let mut looked = placement.looked.iter();
+        let mut is_changed = |scene: &SceneState| {
+            // What was not known is in no cell.
+            let Some(before) = looked.next().and_then(Option::as_ref) else { return false };
+            !scene.appearance().is_some_and(|(now, _)| Arc::ptr_eq(before, &now))
+        };
         let are_others = |states: &Arc<States>, scene: &SceneState| !Arc::ptr_eq(states, &scene.states);
         for (at, it) in placement.scenes.iter().enumerate() {
-            own.extend(are_others(&self.scenes[at], &it.of.scene).then_some(placement.own + at as u32));
+            let is_own = is_changed(&it.of.scene) || are_others(&self.scenes[at], &it.of.scene);
+            own.extend(is_own.then_some(placement.own + at as u32));
         }
         for (it, states) in placement.scene_arrays.iter().zip(&self.scene_arrays) {
             let of = |member: u32| it.array.prototype_of(member) as usize;
-            let common: Vec<bool> =
-                states.common.iter().zip(it.prototypes.iter()).map(|(a, b)| are_others(a, &b.scene)).collect();
+            let prototypes = states.common.iter().zip(it.prototypes.iter());
+            let common: Vec<bool> = prototypes.map(|(a, b)| is_changed(&b.scene) || are_others(a, &b.scene)).collect();
             if common.contains(&true) {
                 own.extend((0..it.array.len()).filter(|member| common[of(*member)]).map(|at| it.first_member + at));
             }

@@ -95,6 +95,7 @@ impl Counts {
 }
 
 /// A single scene in another.
+#[derive(Clone)]
 pub(super) struct PlacedScene {
     pub id: u64,
     pub first: Counts,
@@ -127,7 +128,7 @@ pub(super) struct PlacedSceneArray {
     pub first_member: u32,
     pub prototypes: Arc<[Prototype]>,
     /// What is before each member, from `first` on. Empty if all prototypes have equally many.
-    starts: Arc<Vec<Counts>>,
+    pub(super) starts: Arc<Vec<Counts>>,
 }
 
 impl PlacedSceneArray {

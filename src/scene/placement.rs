@@ -11,6 +11,7 @@ use super::state::{SceneState, at};
 use super::top::TopTree;
 use crate::math::DBounds;
 use crate::residency::Kept;
+use crate::structure::Appearance;
 use glam::DAffine3;
 use std::ops::Range;
 use std::sync::{Arc, OnceLock};
@@ -33,8 +34,11 @@ pub(crate) struct Placement {
     pub(super) own: u32,
     /// Numbers of all placed trees and instances.
     pub(super) count: Counts,
-    /// The top tree over the boxes of all that rays may hit.
-    pub top: TopTree,
+    /// The top tree over the boxes of all that rays may hit. Placements that differ only in the states of scenes in
+    /// them share it.
+    pub top: Arc<TopTree>,
+    /// What each of [`Placement::inner_scenes`] looked like when the top tree was built.
+    pub(super) looked: Arc<Vec<Option<Arc<Appearance>>>>,
     /// Bounds of all triangles, unless they are still to be computed.
     pub(super) bounds: OnceLock<DBounds>,
     /// Greatest distance of stored vertices from those of the input, in the world, or more.
@@ -43,7 +47,7 @@ pub(crate) struct Placement {
     pub(super) factors: OnceLock<Factors>,
     /// That of the last placement of all, which placements after moves share.
     pub(super) memory: Arc<Kept>,
-    pub(super) _changed: Kept,
+    pub(super) changed: Arc<Kept>,
 }
 
 impl Default for Placement {
@@ -56,12 +60,13 @@ impl Default for Placement {
             scene_arrays: Arc::default(),
             own: 0,
             count: Counts::default(),
-            top: TopTree::default(),
+            top: Arc::default(),
+            looked: Arc::default(),
             bounds: OnceLock::new(),
             position_error: 0.0,
             factors: OnceLock::new(),
             memory: Arc::default(),
-            _changed: Kept::default(),
+            changed: Arc::default(),
         }
     }
 }

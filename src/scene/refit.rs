@@ -35,6 +35,7 @@ impl Scene {
             count: before.count,
             position_error: before.position_error,
             memory: Arc::clone(&before.memory),
+            looked: Arc::clone(&before.looked),
             ..Placement::default()
         };
         let mut moves = Vec::with_capacity(shifted.len());
@@ -75,8 +76,8 @@ impl Scene {
         let copies = copies.filter(|(it, was)| !Arc::ptr_eq(&it.measures, &was.measures));
         let copied: usize = copies.map(|(it, _)| size_of_val(&it.measures[..])).sum();
         let bytes = top.changed_bytes() + copied as u64;
-        after._changed = self.context().residency().keep("the placed trees of a scene", bytes)?;
-        after.top = top;
+        after.changed = Arc::new(self.context().residency().keep("the placed trees of a scene", bytes)?);
+        after.top = Arc::new(top);
         after.bounds = bounds.map_or_else(OnceLock::new, OnceLock::from);
         Ok(Some(after))
     }

@@ -16,7 +16,7 @@ use glam::{DAffine3, DVec3};
 use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::ops::Range;
-use std::sync::Arc;
+use std::sync::{Arc, Weak};
 
 /// The state of an instance as it was at the commit.
 #[derive(Clone)]
@@ -68,6 +68,8 @@ pub(super) struct States {
     /// Of the instances of each scene in this one, under the state of that scene.
     pub scenes: Vec<Arc<States>>,
     pub scene_arrays: Vec<SceneArrayStates>,
+    /// The states that these were made of, and what they are under.
+    pub(super) made_of: Option<(Weak<States>, u32, Look)>,
     /// Of single occurrences: of instances in scenes in this one, by their numbers.
     pub occurrences: BTreeMap<u64, InstanceState>,
 }
@@ -87,8 +89,17 @@ pub(super) fn at<T>(list: &[T], number: u64) -> Option<&T> {
 
 impl States {
     /// The states under another one: visible if both are, in the colour of the inner one if it has one.
-    pub fn under(&self, outer: &InstanceState) -> Self {
-        self.under_once(outer, &mut HashMap::new())
+    pub fn under(self: &Arc<Self>, outer: &InstanceState) -> Self {
+        let made_of = Some((Arc::downgrade(self), outer.mask, outer.look));
+        Self { made_of, ..self.under_once(outer, &mut HashMap::new()) }
+    }
+
+    /// True if they are `inner` under `outer`.
+    pub fn is_of(&self, inner: &Arc<Self>, outer: &InstanceState) -> bool {
+        let is = |(of, mask, look): &(Weak<Self>, u32, Look)| {
+            std::ptr::eq(of.as_ptr(), Arc::as_ptr(inner)) && (*mask, *look) == (outer.mask, outer.look)
+        };
+        self.made_of.as_ref().is_some_and(is)
     }
 
     /// A state under another one.
@@ -122,6 +133,7 @@ impl States {
             own: it.own.iter().map(|(&member, it)| (member, scene(it))).collect(),
         };
         Self {
+            made_of: None,
             seen_by: self.seen_by & outer.seen_by(),
             scene_arrays: self.scene_arrays.iter().map(of_scenes).collect(),
             occurrences: self.occurrences.iter().map(|(&instance, it)| (instance, under(it))).collect(),
