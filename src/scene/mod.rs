@@ -10,6 +10,7 @@ mod commit;
 mod commit_inner;
 pub mod context;
 mod draft;
+pub(crate) mod entered;
 pub mod edit;
 mod fit;
 pub(crate) mod frame;
