@@ -221,6 +221,25 @@ impl Array {
         (at < u64::from(self.len())).then_some(at as u32)
     }
 
+    /// The indices as they were given: empty if all members are of the first prototype.
+    pub fn indices(&self) -> &[u32] {
+        &self.prototype_of
+    }
+
+    /// The form of the transforms.
+    pub fn form(&self) -> &Transforms {
+        &self.transforms
+    }
+
+    /// The transforms in their form, in order: in pieces, each a range of others.
+    pub fn pieces(&self) -> impl Iterator<Item = (&Transforms, Range<usize>)> {
+        let count = self.transforms.len();
+        (0..count.div_ceil(PAGE)).map(move |at| match self.pages.get(at) {
+            Some(Some(page)) => (page, 0..page.len()),
+            _ => (&self.transforms, at * PAGE..count.min((at + 1) * PAGE)),
+        })
+    }
+
     /// The index of each member's prototype.
     pub fn prototypes(&self) -> impl Iterator<Item = usize> {
         (0..self.len()).map(|member| self.prototype_of(member) as usize)

@@ -2,6 +2,7 @@
 
 use super::context::Context;
 use super::frame::{Scenes, Search};
+use super::given::Given;
 use super::inner::{Inner, InnerKey};
 use super::light::{Background, Light};
 use super::looks::{Look, PartsShown};
@@ -64,6 +65,8 @@ pub(super) struct States {
     pub scene_arrays: Vec<SceneArrayStates>,
     /// Of single occurrences: of instances in scenes in this one, by their numbers.
     pub occurrences: HashMap<u64, InstanceState>,
+    /// What the scenes in this one were given themselves.
+    pub given: Given,
 }
 
 /// The states of what is in the members of an array of scenes.
@@ -122,6 +125,7 @@ impl States {
             singles: self.singles.iter().map(under).collect(),
             arrays: self.arrays.iter().map(of_array).collect(),
             scenes,
+            given: Given::default(),
         }
     }
 
