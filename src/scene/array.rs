@@ -56,6 +56,11 @@ impl Transforms {
         self.len() == 0
     }
 
+    /// Bytes of memory of one transform.
+    pub(super) fn bytes_each(&self) -> u64 {
+        self.bytes() / self.len().max(1) as u64
+    }
+
     /// Bytes of memory.
     fn bytes(&self) -> u64 {
         let bytes = match self {

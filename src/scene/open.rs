@@ -141,7 +141,9 @@ impl Reading<'_> {
         }
         let mut paths = HashSet::new();
         if let Some(twice) = models.iter().find(|it| !paths.insert(&*it.path)) {
-            return Err(self.reader.corrupt_at(self.reader.offset(), format!("the model {} is named twice", twice.path)));
+            return Err(self
+                .reader
+                .corrupt_at(self.reader.offset(), format!("the model {} is named twice", twice.path)));
         }
         self.claim(header.scenes, SceneRow::LEN, SCENE + size_of::<ReadScene>() as u64, "scenes", &mut memory)?;
         let (mut scenes, mut levels) = (room(header.scenes as usize, WHAT)?, room(header.scenes as usize, WHAT)?);
@@ -263,9 +265,9 @@ impl Reading<'_> {
         self.reader.pad()?;
         // A row of the right length is read without an error; one that is not there is of zeros.
         let transforms = match row.form {
-            0 => Transforms::Affine(self.all(members, len, |r| {
-                DAffine3::from_cols_array(&r.f64s().unwrap_or_default())
-            })?),
+            0 => Transforms::Affine(
+                self.all(members, len, |r| DAffine3::from_cols_array(&r.f64s().unwrap_or_default()))?,
+            ),
             1 => Transforms::Affine32(self.all(members, len, |r| r.f32s().unwrap_or_default())?),
             _ => Transforms::Places(self.all(members, len, |r| Place {
                 position: DVec3::from_array(r.f64s().unwrap_or_default()),
@@ -285,12 +287,7 @@ impl Reading<'_> {
     }
 
     /// Reads `count` elements of `len` bytes straight into the memory that they stay in.
-    fn all<T>(
-        &mut self,
-        count: usize,
-        len: usize,
-        of: impl Fn(&mut ByteReader) -> T,
-    ) -> Result<Arc<[T]>> {
+    fn all<T>(&mut self, count: usize, len: usize, of: impl Fn(&mut ByteReader) -> T) -> Result<Arc<[T]>> {
         let mut failed = None;
         let next = |_| match (&failed, self.reader.take(len)) {
             (None, Ok(bytes)) => of(&mut ByteReader::new(bytes)),
@@ -414,9 +411,7 @@ impl Opening<'_> {
     /// What the scene of a file does not allow is the fault of the file.
     fn of_file(&self, error: Error, at: u64, index: usize) -> Error {
         match error {
-            Error::BadArgument(why) => {
-                Error::corrupt(self.path, None, format!("byte {at}: {}", in_scene(index, why)))
-            }
+            Error::BadArgument(why) => Error::corrupt(self.path, None, format!("byte {at}: {}", in_scene(index, why))),
             other => other,
         }
     }

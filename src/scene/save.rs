@@ -187,9 +187,7 @@ impl<'a> Saving<'a> {
             SceneRow::LEN as u64 + singles * SingleRow::LEN as u64 + states * StateRow::LEN as u64 + arrays
         };
         let frame = SCENE_HEADER_LEN + SCENE_FOOTER_LEN + state.lights.len() * LightRow::LEN;
-        frame as u64
-            + self.models.iter().map(of_model).sum::<u64>()
-            + self.scenes.iter().map(of_scene).sum::<u64>()
+        frame as u64 + self.models.iter().map(of_model).sum::<u64>() + self.scenes.iter().map(of_scene).sum::<u64>()
     }
 
     fn write(&self, state: &SceneState, to: &mut SceneWriter) -> Result<()> {
@@ -328,7 +326,8 @@ fn check(state: &SceneState) -> Result<()> {
     }
     if let Some(&instance) = state.states.occurrences.keys().min() {
         let way = way_to(state, instance).map(|id| id.to_string()).collect::<Vec<_>>().join(", ");
-        let why = format!("one occurrence of an instance, on the way {way}, has a look, which a scene file does not hold");
+        let why =
+            format!("one occurrence of an instance, on the way {way}, has a look, which a scene file does not hold");
         return Err(Error::BadState(why));
     }
     // The highest id stands for no instance.

@@ -198,7 +198,9 @@ impl SceneFileRow for SceneRow {
     const LEN: usize = 24;
     fn put(&self, out: &mut Vec<u8>) {
         let Self { singles, single_states, scenes, scene_states, arrays, scene_arrays } = *self;
-        [singles, single_states, scenes, scene_states, arrays, scene_arrays].map(|count| out.put_u32(count));
+        for count in [singles, single_states, scenes, scene_states, arrays, scene_arrays] {
+            out.put_u32(count);
+        }
     }
     fn get(r: &mut ByteReader) -> Checked<Self> {
         let (singles, single_states, scenes) = (r.u32()?, r.u32()?, r.u32()?);
@@ -265,7 +267,13 @@ impl SceneFileRow for StateRow {
         ensure(flags < 8, "unknown flags of a look")?;
         let has_colour = flags & 4 != 0;
         ensure(has_colour || colour.iter().all(|x| x.to_bits() == 0), "an unused colour is not zero")?;
-        Ok(Self { index, mask, visible: flags & 1 == 0, selected: flags & 2 != 0, colour: has_colour.then_some(colour) })
+        Ok(Self {
+            index,
+            mask,
+            visible: flags & 1 == 0,
+            selected: flags & 2 != 0,
+            colour: has_colour.then_some(colour),
+        })
     }
 }
 

@@ -15,6 +15,7 @@ mod crossings;
 mod export;
 mod generate;
 mod info;
+mod info_scene;
 mod nearest;
 mod output;
 mod rays;

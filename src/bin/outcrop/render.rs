@@ -2,24 +2,24 @@
 
 use crate::common::{self, Failure, Outcome};
 use crate::output::Destination;
-use crate::view::{self, PartArgs, ViewArgs};
+use crate::view::{PartArgs, Shown, ViewArgs};
 use glam::DVec3;
 use outcrop::base::error::Error;
 use outcrop::base::output::{Medium, OutputFile, OutputStream};
 use outcrop::base::progress::Cancel;
 use outcrop::render::{Buffer, Frame, FrameOptions, FrameSettings, FrameState, FrameStatus, Mapped};
-use outcrop::scene::{Background, Camera, Context, ContextOptions, Light, LightKind, Model, SceneState};
+use outcrop::scene::{Background, Camera, Context, ContextOptions, Light, LightKind, SceneState};
 use serde_json::{Value, json};
 use std::io::Cursor;
 use std::path::PathBuf;
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
-/// Render a picture of a model as a PNG file
+/// Render a picture of a model or a scene as a PNG file
 #[derive(clap::Args)]
 pub struct Args {
-    /// The model file
-    #[arg(value_name = "MODEL.oc")]
+    /// The model file or the scene file
+    #[arg(value_name = "FILE.oc")]
     model: PathBuf,
     /// The picture to write: a regular file or a new one, and not the model. "-": standard output
     #[arg(short, long, value_name = "OUT.png")]
@@ -32,7 +32,8 @@ pub struct Args {
     #[command(flatten)]
     parts: PartArgs,
     /// A light; may be given several times: "head", "sun:X,Y,Z" (shining along X,Y,Z) or "point:X,Y,Z", with
-    /// "*INTENSITY" if that is not 1. Default: a headlight, and a sun over the left shoulder
+    /// "*INTENSITY" if that is not 1. Default: those of the scene; of a model or a scene without lights of its own a
+    /// headlight, and a sun over the left shoulder
     #[arg(long = "light", value_name = "LIGHT", value_parser = light)]
     lights: Vec<Light>,
     /// Render without shadows
@@ -44,7 +45,7 @@ pub struct Args {
     /// Pixels of error: the area, in square pixels, that a stand-in may cover; 0 for exact answers
     #[arg(long, value_name = "P", default_value_t = 0.0, allow_negative_numbers = true)]
     poe: f32,
-    /// Linear colour of the background, instead of a gradient
+    /// Linear colour of the background, instead of that of the scene; that of a model is a gradient
     #[arg(long, value_name = "R,G,B", value_parser = common::point, allow_hyphen_values = true)]
     background: Option<DVec3>,
     /// Factor to the light of surfaces; the background keeps its colour
@@ -164,17 +165,21 @@ pub fn run(args: &Args) -> Outcome {
     let threads = if args.threads == 0 { defaults.threads } else { args.threads };
     let context = Context::new(ContextOptions { threads, ..defaults })?;
     let begun = Instant::now();
-    let model = Model::open(&context, &args.model)?;
+    let shown = Shown::open(&context, &args.model, &args.parts)?;
     let seconds_open = begun.elapsed().as_secs_f64();
-    let scene = view::alone(&context, &model, &args.parts)?;
-    let camera = args.view.camera(&model, &scene.state(), args.size)?;
-    let mut lights = if args.lights.is_empty() { usual_lights(&camera) } else { args.lights.clone() };
+    let (scene, before) = (&shown.scene, shown.scene.state());
+    let camera = args.view.camera(&shown, args.size)?;
+    let mut lights = match before.lights() {
+        _ if !args.lights.is_empty() => args.lights.clone(),
+        [Light::HEADLIGHT] => usual_lights(&camera),
+        own => own.to_vec(),
+    };
     if args.no_shadows {
         lights.iter_mut().for_each(|l| l.shadows = false);
     }
     let background = match args.background {
         Some(c) => Background::Colour([c.x as f32, c.y as f32, c.z as f32, 1.0]),
-        None => Background::default(),
+        None => before.background(),
     };
     scene.set_lights(lights)?;
     scene.set_background(background)?;
@@ -214,7 +219,7 @@ pub fn run(args: &Args) -> Outcome {
     let seconds = [seconds_open, seconds_first];
     let (mut value, mut text) = (as_json(args, &camera, seconds, &status), as_text(args, seconds, &status));
     if let Some(at) = args.occurrence {
-        let (met, line) = occurrence(&frame, &scene.state(), &model, at)?;
+        let (met, line) = occurrence(&frame, &scene.state(), at)?;
         value["occurrence"] = met;
         text = format!("{}\n{line}", text.trim_end());
     }
@@ -222,14 +227,16 @@ pub fn run(args: &Args) -> Outcome {
 }
 
 /// What a picture shows at a pixel, as JSON and as text.
-fn occurrence(frame: &Frame, state: &SceneState, model: &Model, (x, y): (u32, u32)) -> Result<(Value, String), Error> {
+fn occurrence(frame: &Frame, state: &SceneState, (x, y): (u32, u32)) -> Result<(Value, String), Error> {
     let hit = frame.pick(x, y)?;
-    let Some((_, place)) = state.path(hit.occurrence) else { return Ok((Value::Null, format!("{x},{y}: nothing"))) };
+    let (Some((path, place)), Some(model)) = (state.path(hit.occurrence), state.model_of(hit.occurrence)) else {
+        return Ok((Value::Null, format!("{x},{y}: nothing")));
+    };
     let part = model.parts().iter().find(|part| part.id == hit.part);
     let name = part.as_ref().map_or("", |part| part.name);
     let value = json!({
         "pixel": [x, y], "number": hit.occurrence, "part": hit.part, "name": name, "prim": hit.prim,
-        "position": hit.position.to_array(), "world_from_model": place.to_cols_array(),
+        "position": hit.position.to_array(), "world_from_model": place.to_cols_array(), "path": path,
     });
     let [px, py, pz] = hit.position.to_array();
     let text =
