@@ -88,7 +88,7 @@ fn flat(context: &Context, models: &[Model; 2], count: usize, seed: u64) -> Scen
     scene.set_instance_look(6, RED).expect("a look");
     scene.set_instance_look(8, HIDDEN).expect("a look");
     for form in 0..3 {
-        let first_id = 100 + 10_000 * form as u64;
+        let first_id = 100 + 100_000 * form as u64;
         let transforms = transforms(form, count, (&mut rng, 6.0));
         let prototype_of = if form == 0 { Arc::from([]) } else { (0..count as u32).map(|i| i % 3 % 2).collect() };
         let mask = if form == 1 { 3 } else { u32::MAX };
@@ -102,7 +102,7 @@ fn flat(context: &Context, models: &[Model; 2], count: usize, seed: u64) -> Scen
     // Few members move: the array keeps them in pages of their own, as the state before needs the others.
     let _before = scene.state();
     let moved = transforms(2, 2, (&mut rng, 6.0));
-    scene.set_transforms(20_100 + count as u64 / 2, &moved).expect("transforms");
+    scene.set_transforms(200_100 + count as u64 / 2, &moved).expect("transforms");
     scene.commit().expect("a commit");
     scene
 }
@@ -190,7 +190,10 @@ fn a_scene_that_was_opened_answers_like_the_one_that_was_saved() {
             it.commit().expect("a commit");
         }
         assert_alike(&scene, &opened, reach, least);
-        [&scene, &opened].map(|it| it.save(&first).expect("a file"));
+        for (it, path) in [(&scene, &first), (&opened, &second)] {
+            it.save(path).expect("a file");
+        }
+        assert!(std::fs::read(&first).expect("a file") == std::fs::read(&second).expect("a file"));
     }
 }
 

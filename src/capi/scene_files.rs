@@ -19,9 +19,9 @@ use std::ffi::c_char;
 /// - `path`: path of the scene file. A file of this name is replaced once the new one is complete.
 ///
 /// Errors:
-/// - OC_STATUS_INVALID_STATE: something cannot be saved; the message names it. This is a model that oc_model_open has
-///   not opened or whose file was replaced since then, a path that is no text in UTF-8, a look of parts, or a look of
-///   one occurrence.
+/// - OC_STATUS_INVALID_STATE: something cannot be saved; the message names it. This is a model that was not opened from
+///   a path or whose file was replaced since then, a path that is no text in UTF-8, a look of parts, or a look of one
+///   occurrence.
 /// - OC_STATUS_INVALID_ARGUMENT: `path` is the file of a model of the scene.
 /// - OC_STATUS_IO: the file cannot be written.
 ///

@@ -121,17 +121,25 @@ fn in_scene(index: usize, why: impl std::fmt::Display) -> String {
     format!("scene {index}: {why}")
 }
 
+/// What is wrong with a value.
+fn reason(error: Error) -> String {
+    match error {
+        Error::BadArgument(why) => why,
+        other => other.to_string(),
+    }
+}
+
 impl Reading<'_> {
     fn content(&mut self, header: SceneHeader) -> Result<Content> {
         let mut memory = Kept::default();
         let background = background(&header);
-        background.check().map_err(|why| self.reader.corrupt_at(0, why))?;
+        background.check().map_err(|error| self.reader.corrupt_at(0, reason(error)))?;
         self.claim(header.lights, LightRow::LEN, size_of::<Light>() as u64, "lights", &mut memory)?;
         let mut lights = room(header.lights as usize, WHAT)?;
         for _ in 0..header.lights {
             let at = self.reader.offset();
             let light = light(&self.reader.row()?);
-            light.check().map_err(|why| self.reader.corrupt_at(at, why))?;
+            light.check().map_err(|error| self.reader.corrupt_at(at, reason(error)))?;
             lights.push(light);
         }
         self.claim(header.models, ModelFileRow::LEN, 4 * size_of::<ReadModel>() as u64, "models", &mut memory)?;
@@ -208,10 +216,10 @@ impl Reading<'_> {
         for _ in 0..count {
             let at = self.reader.offset();
             let row: SingleRow = self.reader.row()?;
-            if let Err(Error::BadArgument(why)) = check_transform(&DAffine3::from_cols_array(&row.map)) {
-                let why = in_scene(index, format!("instance {}: {why}", row.id));
-                return Err(self.reader.corrupt_at(at, why));
-            }
+            check_transform(&DAffine3::from_cols_array(&row.map)).map_err(|error| {
+                let why = format!("instance {}: {}", row.id, reason(error));
+                self.reader.corrupt_at(at, in_scene(index, why))
+            })?;
             rows.push(row);
         }
         Ok((rows, self.states(states, count, memory)?))

@@ -14,8 +14,8 @@ use crate::base::inputs::{Identity, Inputs};
 use crate::base::inside_read::refuse_inside_read;
 use crate::residency::ModelBlocks;
 use crate::store::scene_file::{
-    ALL_RAYS, ArrayRow, LightRow, MOST_PATH, ModelFileRow, SCENE_FOOTER_LEN, SCENE_HEADER_LEN, SceneFileRow,
-    SceneHeader, SceneRow, SceneWriter, SingleRow, StateRow, check_path, padding,
+    ALL_RAYS, ArrayRow, LightRow, MOST_LIGHTS, MOST_PATH, ModelFileRow, SCENE_FOOTER_LEN, SCENE_HEADER_LEN,
+    SceneFileRow, SceneHeader, SceneRow, SceneWriter, SingleRow, StateRow, check_path, padding,
 };
 use crate::store::{FileSource, Outline};
 use std::collections::HashMap;
@@ -85,6 +85,11 @@ fn save(state: &SceneState, path: &Path) -> Result<u64> {
         Background::Gradient { bottom: [r, g, b, a], top: [r2, g2, b2, a2] } => (1, [r, g, b, a, r2, g2, b2, a2]),
     };
     let count = |n: usize| u32::try_from(n).map_err(|_| Error::bad_argument("the scene has 2^32 parts or more"));
+    if state.lights.len() > MOST_LIGHTS as usize {
+        return Err(Error::BadState(format!(
+            "the scene has more than {MOST_LIGHTS} lights, which a scene file does not hold"
+        )));
+    }
     let header = SceneHeader {
         models: count(saving.models.len())?,
         scenes: count(saving.scenes.len())?,

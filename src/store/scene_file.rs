@@ -23,6 +23,8 @@ pub const SCENE_HEADER_LEN: usize = 96;
 pub const SCENE_FOOTER_LEN: usize = 8;
 /// Greatest number of bytes of the path of a model.
 pub const MOST_PATH: usize = 4096;
+/// Greatest number of lights.
+pub const MOST_LIGHTS: u32 = 1 << 16;
 /// Tables begin at multiples of this number of bytes.
 const ALIGN: usize = 8;
 /// Greatest number of bytes that are read or written at once.
@@ -103,6 +105,7 @@ impl SceneHeader {
         r.zeros(CHECKSUM_AT - RESERVED_AT)?;
         ensure(r.u64()? == xxh3_64(&bytes[..CHECKSUM_AT]), "the header is damaged (checksum mismatch)")?;
         ensure(scenes > 0, "the file has no scene")?;
+        ensure(lights <= MOST_LIGHTS, "more than 65536 lights")?;
         ensure(background <= 1, "unknown kind of background")?;
         ensure(background == 1 || colours[4..].iter().all(|x| x.to_bits() == 0), "unused colours are not zero")?;
         Ok((Self { models, scenes, lights, background, colours }, file_len))

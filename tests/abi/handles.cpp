@@ -15,11 +15,13 @@ static_assert(sizeof(outcrop::part_reader) == sizeof(void *), "likewise");
 static_assert(sizeof(outcrop::part_set) == sizeof(void *), "likewise");
 static_assert(sizeof(outcrop::cursor) == sizeof(void *), "likewise");
 
+#ifndef OUTCROP_NO_EXCEPTIONS
 // A scene is saved, and opened again.
 void saved(outcrop::context &context, outcrop::scene &scene, const std::string &path) {
     scene.save(path);
     scene = outcrop::scene(context, path);
 }
+#endif
 
 outcrop::model opened(outcrop::context &context, const char *path) {
     outcrop::model model;

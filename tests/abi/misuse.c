@@ -869,6 +869,9 @@ static oc_scene *scenes(oc_context *c) {
     INVALID(oc_scene_set_occurrence_look(outer, OC_NO_ID, &look));
     GARBAGE_SIZES(oc_look, oc_scene_set_occurrence_look(outer, 0, s));
     OK(oc_scene_set_occurrence_look(outer, 0, &look));
+    oc_look unseen = look;
+    unseen.flags = OC_LOOK_HIDDEN;
+    OK(oc_scene_set_occurrence_look(outer, 0, &unseen));
     OK(oc_scene_commit(outer));
     EXPECT(OC_STATUS_INVALID_STATE, oc_scene_save(outer, file("s.oc"))); /* a look of one occurrence is not saved */
     CHECK(strstr(oc_last_error(), "1, 3"));
