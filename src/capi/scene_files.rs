@@ -10,11 +10,11 @@ use std::ffi::c_char;
 
 /// Saves what the last commit has in a scene file, which oc_scene_open opens.
 ///
-/// The file holds the instances, arrays and scenes in scenes with their ids, transforms, masks and looks, and the lights
-/// and the background of the scene. A single instance takes 112 bytes; a member of an array 96, 48 or 44 for the forms
-/// OC_TRANSFORM_AFFINE_F64, OC_TRANSFORM_AFFINE_F32 and OC_TRANSFORM_PLACE, and 4 for an index of a prototype. A scene
-/// that is in several places takes its bytes once. Models stay in their own files, which the scene file names by their
-/// paths, relative to its own folder.
+/// The file holds the instances, arrays and scenes in scenes with their ids, transforms, masks and looks, and the
+/// lights and the background of the scene. A single instance takes 112 bytes; a member of an array 96, 48 or 44 for the
+/// forms OC_TRANSFORM_AFFINE_F64, OC_TRANSFORM_AFFINE_F32 and OC_TRANSFORM_PLACE, and 4 for an index of a prototype. A
+/// scene that is in several places takes its bytes once. Models stay in their own files, which the scene file names by
+/// their paths, relative to its own folder.
 ///
 /// - `path`: path of the scene file. A file of this name is replaced once the new one is complete.
 ///
@@ -43,7 +43,7 @@ pub unsafe extern "C" fn oc_scene_save(scene: *const oc_scene, path: *const c_ch
 ///
 /// The scene is committed, and can be edited like any other. Scenes in it stay as they were saved: there are no handles
 /// of them. The memory budget of the context counts the scene and its models as if they had been made by other calls,
-/// and some kilobytes for each scene in it.
+/// and some kilobytes for each scene in it, which other calls do not count.
 ///
 /// - `path`: path of the scene file.
 /// - `out_scene`: receives the scene.
@@ -53,8 +53,8 @@ pub unsafe extern "C" fn oc_scene_save(scene: *const oc_scene, path: *const c_ch
 ///   with; the message names the file and the place in it.
 /// - OC_STATUS_NEWER_FORMAT: a newer version of the library wrote the file.
 /// - OC_STATUS_IO: the file or a model cannot be read.
-/// - OC_STATUS_OVER_BUDGET: the budget has no room for the scene or a model. oc_last_error_need returns the least budget
-///   that suffices for what failed.
+/// - OC_STATUS_OVER_BUDGET: the budget has no room for the scene or a model. oc_last_error_need returns the least
+///   budget that suffices for what failed.
 ///
 /// Ownership: the caller receives one reference.
 /// Thread safety: any thread. Blocks: reads the disk, as oc_model_open does for each model.

@@ -140,7 +140,7 @@ fn first_in<V>(keys: &HashMap<u64, V>, mut ids: RangeInclusive<u64>) -> Option<u
 }
 
 /// Bytes of the state of a member of its own. The table may be half empty.
-const OWN: usize = 2 * (size_of::<(u32, DraftState)>() + size_of::<(u32, InstanceState)>() + 2);
+pub(super) const OWN: usize = 2 * (size_of::<(u32, DraftState)>() + size_of::<(u32, InstanceState)>() + 2);
 
 impl Draft {
     pub(super) fn draftees(&self) -> impl Iterator<Item = &Draftee> + Clone {

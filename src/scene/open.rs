@@ -1,14 +1,15 @@
-//! Opening a scene file. The whole file is read and checked before a model is opened: rows that claim more than the file
-//! has, references to later scenes, and ids that collide are refused first.
+//! Opening a scene file. The whole file is read and checked before a model is opened: rows that claim more than the
+//! file has, references to later scenes, and ids that collide are refused first.
 
 use super::array::{Array, Instances, Place, Prototypes, Transforms};
 use super::context::Context;
-use super::draft::{Draft, DraftArray, DraftScene, DraftState, Draftee};
+use super::draft::{Draft, DraftArray, DraftScene, DraftState, Draftee, OWN};
 use super::edit::{Scene, check_look};
 use super::light::{Background, Light, LightKind};
 use super::looks::Look;
 use super::measures::check_transform;
 use super::model::Model;
+use super::placed::Placed;
 use super::placement::Placement;
 use super::save::folder_of;
 use super::state::{SceneState, States};
@@ -16,7 +17,7 @@ use crate::base::bytes::ByteReader;
 use crate::base::error::{Error, Result};
 use crate::base::inside_read::refuse_inside_read;
 use crate::base::memory::room;
-use crate::residency::{Kept, Residency};
+use crate::residency::{Kept, Residency, UNCOUNTED};
 use crate::store::scene_file::{
     ArrayRow, LightRow, ModelFileRow, SceneFileRow, SceneHeader, SceneReader, SceneRow, SingleRow, StateRow, check_path,
 };
@@ -42,8 +43,12 @@ const FIRST: u64 = 32 * (size_of::<Option<Draftee>>() as u64 + 34);
 /// Bytes of memory for each single instance while a file is opened: the row, its id, and the scene that it may be.
 const SINGLE: u64 = (size_of::<SingleRow>() + size_of::<(u64, u64)>() + size_of::<DraftScene>() + 64) as u64;
 
+/// Bytes of a placed tree of a single instance, and of a member of an array, with their places in the tree over all.
+const PLACED: u64 = size_of::<Placed>() as u64 + MEMBER;
+const MEMBER: u64 = 100;
+
 /// Bytes of memory of an array without its members.
-const ARRAY: u64 = (size_of::<ReadArray>() + size_of::<DraftArray<Scene>>() + size_of::<Array>() + 512) as u64;
+const ARRAY: u64 = (size_of::<DraftArray<Scene>>() + size_of::<Array>() + 512) as u64;
 
 /// A model that the file names.
 struct ReadModel {
@@ -84,6 +89,8 @@ struct Content {
     scenes: Vec<ReadScene>,
     /// For all of it but the transforms.
     memory: Kept,
+    /// Bytes of the scenes that nothing else counts.
+    uncounted: u64,
 }
 
 impl Scene {
@@ -98,7 +105,8 @@ impl Scene {
         let path = path.as_ref();
         let source: Arc<dyn Source> = Arc::new(FileSource::open(path)?);
         let (mut reader, header) = SceneReader::open(source)?;
-        let mut reading = Reading { reader: &mut reader, residency: context.residency(), charged: 0 };
+        let residency = context.residency();
+        let mut reading = Reading { reader: &mut reader, residency, charged: 0, uncounted: 0 };
         let content = reading.content(header);
         let (content, error) = content.map_or_else(|error| (None, Some(error)), |content| (Some(content), None));
         reader.finish(error)?;
@@ -112,8 +120,11 @@ impl Scene {
 struct Reading<'a> {
     reader: &'a mut SceneReader,
     residency: &'a Residency,
-    /// Bytes of the tables so far.
+    /// Bytes of the tables so far, and of what is in memory as long as the scene.
     charged: u64,
+    /// Bytes that stay and that nothing else counts: little memory of a scene or an array is not counted, but a file
+    /// may have any number of small ones.
+    uncounted: u64,
 }
 
 /// The index of a scene among those of the file, for messages.
@@ -153,7 +164,7 @@ impl Reading<'_> {
                 .reader
                 .corrupt_at(self.reader.offset(), format!("the model {} is named twice", twice.path)));
         }
-        self.claim(header.scenes, SceneRow::LEN, SCENE + size_of::<ReadScene>() as u64, "scenes", &mut memory)?;
+        self.claim(header.scenes, SceneRow::LEN, size_of::<ReadScene>() as u64, "scenes", &mut memory)?;
         let (mut scenes, mut levels) = (room(header.scenes as usize, WHAT)?, room(header.scenes as usize, WHAT)?);
         let mut is_used = (vec![false; models.len()], vec![false; header.scenes as usize]);
         for index in 0..header.scenes as usize {
@@ -167,7 +178,7 @@ impl Reading<'_> {
         let why = match (unused(&is_used.0), unused(&is_used.1)) {
             (Some(model), _) => format!("the model {} is used nowhere", models[model].path),
             (_, Some(scene)) => in_scene(scene, "it is used nowhere"),
-            _ => return Ok(Content { header, lights, models, scenes, memory }),
+            _ => return Ok(Content { header, lights, models, scenes, memory, uncounted: self.uncounted }),
         };
         Err(self.reader.corrupt_at(self.reader.offset(), why))
     }
@@ -176,6 +187,13 @@ impl Reading<'_> {
     fn claim(&mut self, count: u32, each: usize, bytes: u64, what: &str, memory: &mut Kept) -> Result<()> {
         self.reader.claim(count.into(), each, what)?;
         self.charged += u64::from(count) * bytes;
+        memory.grow_to(self.residency, WHAT, self.charged)
+    }
+
+    /// Charges bytes that stay.
+    fn charge(&mut self, bytes: u64, memory: &mut Kept) -> Result<()> {
+        self.charged += bytes;
+        self.uncounted += bytes;
         memory.grow_to(self.residency, WHAT, self.charged)
     }
 
@@ -193,9 +211,9 @@ impl Reading<'_> {
     fn scene(&mut self, index: usize, memory: &mut Kept) -> Result<ReadScene> {
         let at = self.reader.offset();
         let row: SceneRow = self.reader.row()?;
-        if row.singles > 0 {
-            self.charged += FIRST;
-        }
+        let first = if row.singles > 0 { FIRST } else { 0 };
+        let placed = (u64::from(row.singles) + u64::from(row.scenes)) * PLACED;
+        self.charge(SCENE + first + placed.min(UNCOUNTED), memory)?;
         let (singles, single_states) = self.singles(row.singles, row.single_states, index, memory)?;
         let (scenes, scene_states) = self.singles(row.scenes, row.scene_states, index, memory)?;
         let arrays = self.arrays(row.arrays, memory)?;
@@ -246,7 +264,7 @@ impl Reading<'_> {
     }
 
     fn arrays(&mut self, count: u32, memory: &mut Kept) -> Result<Vec<ReadArray>> {
-        self.claim(count, ArrayRow::LEN, ARRAY, "arrays", memory)?;
+        self.claim(count, ArrayRow::LEN, size_of::<ReadArray>() as u64, "arrays", memory)?;
         let mut all = room(count as usize, WHAT)?;
         for _ in 0..count {
             all.push(self.array(memory)?);
@@ -269,6 +287,8 @@ impl Reading<'_> {
         let in_memory = if row.form == 0 { 96 } else { 48 };
         let bytes = members as u64 * in_memory + indices as u64 * 4;
         let of_array = self.residency.keep("an array of instances", bytes)?;
+        let small = [bytes, members as u64 * MEMBER, u64::from(row.states) * OWN as u64];
+        self.charge(ARRAY + small.into_iter().filter(|bytes| *bytes <= UNCOUNTED).sum::<u64>(), memory)?;
         let prototype_of = self.all(indices, 4, |r| r.u32().unwrap_or_default())?;
         self.reader.pad()?;
         // A row of the right length is read without an error; one that is not there is of zeros.
@@ -392,7 +412,7 @@ struct Opening<'a> {
 impl Opening<'_> {
     /// The last scene of the file.
     fn scene(&self, content: Content) -> Result<Scene> {
-        let Content { header, lights, models, scenes, mut memory } = content;
+        let Content { header, lights, models, scenes, mut memory, uncounted } = content;
         let folder = folder_of(self.path)?;
         let models: Vec<Model> = models.iter().map(|it| self.model(&folder, it)).collect::<Result<_>>()?;
         let count = scenes.len();
@@ -411,7 +431,7 @@ impl Opening<'_> {
         }
         let root = built.pop().ok_or_else(|| Error::Internal("a scene file without scenes".into()))?;
         // Tables are gone; scenes stay as long as this one.
-        memory.shrink_to(count as u64 * SCENE);
+        memory.shrink_to(uncounted);
         root.draft().opened = memory;
         Ok(root)
     }

@@ -218,3 +218,35 @@ fn levels_and_occurrences_are_limited() {
     let text = why(open(&context, &path, &sealed(many)));
     assert!(text.contains("scene 63") && text.contains("2^63"), "{text}");
 }
+
+/// What takes little memory is not counted, but a file may have any number of it: it counts together.
+#[test]
+fn many_small_scenes_must_fit_the_budget() {
+    let (folder, context) = (Folder::new(), context());
+    let path = folder.at("scene.oc");
+    let file = |count: u32| {
+        let mut bytes = golden(&folder)[..96].to_vec();
+        bytes[24..28].copy_from_slice(&0u32.to_le_bytes());
+        bytes[28..32].copy_from_slice(&(count + 1).to_le_bytes());
+        bytes[32..36].copy_from_slice(&0u32.to_le_bytes());
+        bytes.extend(vec![0; 24 * count as usize]);
+        bytes.extend([0, 0, count, 0, 0, 0].iter().flat_map(|count: &u32| count.to_le_bytes()));
+        for index in 0..count {
+            bytes.extend(u64::from(index).to_le_bytes());
+            bytes.extend(u64::from(index).to_le_bytes());
+            bytes.extend(DAffine3::IDENTITY.to_cols_array().iter().flat_map(|number| number.to_le_bytes()));
+        }
+        bytes.extend([0; 8]);
+        let len = bytes.len() as u64;
+        bytes[16..24].copy_from_slice(&len.to_le_bytes());
+        sealed(bytes)
+    };
+    let scene = open(&context, &path, &file(1000)).expect("a scene");
+    assert_eq!((scene.state().summary().scenes, scene.state().summary().stored), (1001, 1000));
+    let used = context.memory_used();
+    assert!((1_000_000..32_000_000).contains(&used), "{used}");
+    drop(scene);
+    let error = open(&context, &path, &file(60_000)).err().expect("an error");
+    assert!(matches!(error, Error::OverBudget { .. }), "{error}");
+    assert_eq!(context.memory_used(), 0);
+}

@@ -34,8 +34,8 @@ pub struct ViewArgs {
     /// The point that the camera looks at
     #[arg(long, value_name = "X,Y,Z", value_parser = common::point, requires = "eye", allow_hyphen_values = true)]
     at: Option<DVec3>,
-    /// Upward direction: x, y or z, or with --eye any direction. Default: the up axis of the models, or z if they have none
-    /// (scans often have none; `outcrop build --up` sets it)
+    /// Upward direction: x, y or z, or with --eye any direction. Default: the up axis of the models, or z if they have
+    /// none (scans often have none; `outcrop build --up` sets it)
     #[arg(long, value_name = "AXIS or X,Y,Z", value_parser = upward, allow_hyphen_values = true)]
     up: Option<Up>,
     /// Vertical angle of view in degrees
