@@ -2,7 +2,6 @@
 
 use super::context::Context;
 use super::frame::{Scenes, Search};
-use super::given::Given;
 use super::inner::{Inner, InnerKey};
 use super::light::{Background, Light};
 use super::looks::{Look, PartsShown};
@@ -57,6 +56,8 @@ pub(super) struct ArrayStates {
 pub(super) struct States {
     /// The mask of the rays that see anything of them.
     pub seen_by: u32,
+    /// What the scenes in this one were given themselves.
+    pub given: super::given::Given,
     /// Of single instances.
     pub singles: Vec<InstanceState>,
     pub arrays: Vec<ArrayStates>,
@@ -65,8 +66,6 @@ pub(super) struct States {
     pub scene_arrays: Vec<SceneArrayStates>,
     /// Of single occurrences: of instances in scenes in this one, by their numbers.
     pub occurrences: HashMap<u64, InstanceState>,
-    /// What the scenes in this one were given themselves.
-    pub given: Given,
 }
 
 /// The states of what is in the members of an array of scenes.
@@ -125,7 +124,7 @@ impl States {
             singles: self.singles.iter().map(under).collect(),
             arrays: self.arrays.iter().map(of_array).collect(),
             scenes,
-            given: Given::default(),
+            given: Default::default(),
         }
     }
 
