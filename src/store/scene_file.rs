@@ -465,7 +465,10 @@ impl SceneReader {
             let more = (self.end - self.next).min((PIECE - had) as u64) as usize;
             self.buffer.resize(had + more, 0);
             self.at = 0;
-            self.source.read_at(self.next, &mut self.buffer[had..]).map_err(|e| self.io(e))?;
+            if let Err(why) = self.source.read_at(self.next, &mut self.buffer[had..]) {
+                self.buffer.truncate(had);
+                return Err(self.io(why));
+            }
             self.next += more as u64;
             self.hash.update(&self.buffer[had..]);
         }
