@@ -1,6 +1,8 @@
 //! The command line `outcrop`, driven as a user would.
 #![cfg(feature = "cli")]
 
+#[path = "cli/forest.rs"]
+mod forest;
 #[path = "cli/outputs.rs"]
 mod outputs;
 #[path = "cli/scenes.rs"]

@@ -1,14 +1,15 @@
 //! `outcrop render`.
 
 use crate::common::{self, Failure, Outcome};
+use crate::occurrence;
 use crate::output::Destination;
 use crate::view::{PartArgs, Shown, ViewArgs};
 use glam::DVec3;
 use outcrop::base::error::Error;
 use outcrop::base::output::{Medium, OutputFile, OutputStream};
 use outcrop::base::progress::Cancel;
-use outcrop::render::{Buffer, Frame, FrameOptions, FrameSettings, FrameState, FrameStatus, Mapped};
-use outcrop::scene::{Background, Camera, Context, ContextOptions, Light, LightKind, SceneState};
+use outcrop::render::{Buffer, Frame, FrameOptions, FrameSettings, FrameState, FrameStatus, Mapped, Outputs};
+use outcrop::scene::{Background, Camera, Context, ContextOptions, Light, LightKind};
 use serde_json::{Value, json};
 use std::io::Cursor;
 use std::path::PathBuf;
@@ -75,8 +76,9 @@ pub struct Args {
     /// by part, which takes longer
     #[arg(long)]
     at_once: bool,
-    /// Also print which place of which mesh the picture shows at a pixel, from the upper left corner: its number, its
-    /// part, and the place of its instance
+    /// Also print which place of which mesh the picture shows at a pixel, counted from the upper left corner: its
+    /// number, the ids of the scenes around its instance and that of the instance, its map to the world, its part, and
+    /// whether it is a triangle or a stand-in, with the error
     #[arg(long, value_name = "X,Y", value_parser = pixel)]
     occurrence: Option<(u32, u32)>,
     /// Print one JSON object
@@ -185,7 +187,8 @@ pub fn run(args: &Args) -> Outcome {
     scene.set_background(background)?;
     scene.commit()?;
     let (width, height) = args.size;
-    let frame = Frame::new(&context, FrameOptions { width, height, ..FrameOptions::default() })?;
+    let outputs = if args.occurrence.is_some() { occurrence::OUTPUTS | Outputs::COLOUR } else { Outputs::COLOUR };
+    let frame = Frame::new(&context, FrameOptions { width, height, outputs, ..FrameOptions::default() })?;
     let settings = FrameSettings {
         samples: args.samples,
         poe: args.poe,
@@ -212,6 +215,11 @@ pub fn run(args: &Args) -> Outcome {
         let why = why_coarser(&status);
         return Err(Failure::Frame(format!("the picture does not converge: {why}; no picture is written")));
     }
+    if args.occurrence.is_some() {
+        // No later picture comes between the colours and what is at the pixel.
+        frame.cancel();
+        while frame.wait(Duration::from_secs(1)).state == FrameState::Running {}
+    }
     let picture = frame.map(Buffer::ColourSrgb8)?;
     frame.cancel();
     let seconds_first = first.get().map_or(status.seconds, |first| first.duration_since(asked).as_secs_f64());
@@ -219,29 +227,11 @@ pub fn run(args: &Args) -> Outcome {
     let seconds = [seconds_open, seconds_first];
     let (mut value, mut text) = (as_json(args, &camera, seconds, &status), as_text(args, seconds, &status));
     if let Some(at) = args.occurrence {
-        let (met, line) = occurrence(&frame, &scene.state(), at)?;
+        let (met, line) = occurrence::at_pixel(&frame, &scene.state(), at)?;
         value["occurrence"] = met;
         text = format!("{}\n{line}", text.trim_end());
     }
     to.report(args.json, &value, &text)
-}
-
-/// What a picture shows at a pixel, as JSON and as text.
-fn occurrence(frame: &Frame, state: &SceneState, (x, y): (u32, u32)) -> Result<(Value, String), Error> {
-    let hit = frame.pick(x, y)?;
-    let (Some((path, place)), Some(model)) = (state.path(hit.occurrence), state.model_of(hit.occurrence)) else {
-        return Ok((Value::Null, format!("{x},{y}: nothing")));
-    };
-    let part = model.parts().iter().find(|part| part.id == hit.part);
-    let name = part.as_ref().map_or("", |part| part.name);
-    let value = json!({
-        "pixel": [x, y], "number": hit.occurrence, "part": hit.part, "name": name, "prim": hit.prim,
-        "position": hit.position.to_array(), "world_from_model": place.to_cols_array(), "path": path,
-    });
-    let [px, py, pz] = hit.position.to_array();
-    let text =
-        format!("{x},{y}: occurrence {}, part {} {name:?}, at {px:.6} {py:.6} {pz:.6}", hit.occurrence, hit.part);
-    Ok((value, text))
 }
 
 /// Returns the reason why a picture is coarser than requested. The missing bytes are known only for the threshold that
