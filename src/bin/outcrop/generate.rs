@@ -30,8 +30,8 @@ pub struct Args {
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = common::count)]
     triangles: Option<u64>,
     /// Species of the plant, by number or name: 0 spruce, 1 pine, 2 cypress, 3 oak, 4 birch, 5 poplar, 6 willow,
-    /// 7 palm, 8 shrub, 9 fern, 10 grass, 11 dead tree, 12 bamboo. Parts of a plant: 2 bark, 3 twigs, 4 leaves. For a
-    /// forest the number of its species, the first ones, 1 to 13. Default: 13
+    /// 7 palm, 8 shrub, 9 fern, 10 grass, 11 dead tree, 12 bamboo. Parts of a plant: 2 bark, 3 twigs, 4 leaves. Of
+    /// a forest the number of species, from 1 to 13: the first ones. Default: 13
     #[arg(long, value_name = "0..12 or NAME", allow_negative_numbers = true, value_parser = species)]
     species: Option<Species>,
     /// Target number of trees of a forest, reached within 1 %: from 100 to 1T; suffix K, M, G or T. Default: 1M
