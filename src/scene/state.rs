@@ -62,6 +62,8 @@ pub(super) struct ArrayStates {
 pub(super) struct States {
     /// The mask of the rays that see anything of them.
     pub seen_by: u32,
+    /// What the scenes in this one were given themselves.
+    pub given: super::given::Given,
     /// Of single instances.
     pub singles: Vec<InstanceState>,
     pub arrays: Vec<ArrayStates>,
@@ -140,6 +142,7 @@ impl States {
             singles: self.singles.iter().map(under).collect(),
             arrays: self.arrays.iter().map(of_array).collect(),
             scenes,
+            given: Default::default(),
         }
     }
 
