@@ -13,7 +13,7 @@ use crate::nested::{hits_of_a_picture, seen_from};
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 use outcrop::base::progress::Cancel;
 use outcrop::math::Ray;
-use outcrop::query::{Hit, HitKind, Policy};
+use outcrop::query::{Hit, HitKind, Policy, QueryOptions};
 use outcrop::scene::{Context, Instances, Look, Model, Place, Prototypes, Scene, SceneState, Transforms};
 use std::collections::{BTreeMap, HashSet};
 use std::sync::Arc;
@@ -212,6 +212,57 @@ fn groups_far_from_zero_keep_the_promise() {
     let forest = Forest::around(&context, DVec3::new(1e7, -2e7, 3e6));
     let groups = check("far", &forest, &HashSet::new(), rays_of_a_setting() / 2);
     assert!(groups.len() > 1000, "{} hits on groups", groups.len());
+}
+
+/// Rays that begin or end at a hit on a group, or close to it, find what lies in their intervals, also if that is
+/// beside the group's stand-in.
+#[test]
+fn intervals_that_end_at_groups_hold() {
+    let context = built::context(2);
+    let forest = Forest::around(&context, DVec3::ZERO);
+    let (oracle, state) = (forest.oracle(&HashSet::new()), forest.scene.state());
+    let (mut rays, mut tally) = (Vec::new(), Tally::default());
+    for poe in [60.0, 400.0] {
+        let all = forest.rays(&oracle, rays_of_a_setting() / 6, poe);
+        for (ray, hit) in all.iter().zip(hits_of(&state, &all)).filter(|it| is_group(&it.1)) {
+            let far = f64::INFINITY;
+            for (t_min, t_max) in [
+                (0.0, hit.t.next_down()),
+                (0.0, hit.t * (1.0 - 1e-6)),
+                (hit.t.next_up(), far),
+                (hit.t * (1.0 + 1e-6), far),
+            ] {
+                rays.push(Ray { t_min, t_max, ..*ray });
+            }
+        }
+    }
+    assert!(rays.len() > built::sized(1000, 50), "{} rays", rays.len());
+    let hits = hits_of(&state, &rays);
+    rays.iter().zip(&hits).for_each(|(ray, hit)| judge(&oracle, ray, hit, &mut tally));
+    let mut any = vec![0; rays.len()];
+    state.any(&rays, QueryOptions::default(), &mut any).expect("hits");
+    for ((ray, hit), any) in rays.iter().zip(&hits).zip(any) {
+        assert_eq!(hit.kind != HitKind::Miss, any != 0, "{ray:?}: {hit:?}");
+    }
+    let Tally { exact, lod, misses, .. } = tally;
+    println!("{exact} exact, {lod} stand-ins, {misses} misses");
+    assert!(exact > 0 && lod > 0 && misses > 0);
+}
+
+/// A ray with a mask of 0 hits nothing, however wide it is.
+#[test]
+fn rays_without_a_mask_hit_no_group() {
+    let context = built::context(2);
+    let forest = Forest::around(&context, DVec3::ZERO);
+    let oracle = forest.oracle(&HashSet::new());
+    let rays: Vec<Ray> =
+        forest.rays(&oracle, 800, 400.0).into_iter().map(|ray| Ray { mask: 0, ..ray }).take(1024).collect();
+    for count in [1, 16, 1024] {
+        for coherent in [false, true] {
+            let hits = ask(&forest.scene.state(), &rays[..count], coherent, Policy::Exact);
+            assert!(hits.iter().all(|hit| hit.kind == HitKind::Miss));
+        }
+    }
 }
 
 /// Members that are hidden, in all places of their scene or in one, are in no group that stands in.

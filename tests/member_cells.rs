@@ -19,7 +19,7 @@ use outcrop::math::{Bounds, Cone, PACKET};
 use outcrop::simd::Isa;
 use outcrop::structure::cell::Cells;
 use outcrop::structure::{LocalRay, MemberChild, Members, Move, PacketWalk, Stream, Tree, TriHit, Walk};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::f64::consts::TAU;
 
 /// Rays with cones of several widths, 32 from about the same place; one in eight with parallel sides.
@@ -226,6 +226,33 @@ fn cells_above_members_without_looks_do_not_stand_in() {
         assert_eq!(exact.t, truth);
     }
     assert!(cells > 100, "{cells}");
+}
+
+/// One pass over all members keeps the same cells from standing in as moves of each to where it is.
+#[test]
+fn cells_above_chosen_members_do_not_stand_in() {
+    let (group, mut rng, mut walk) = (Group::usual(), Rng::new(12), Walk::new());
+    for count in [1, 5, 60] {
+        let own: BTreeSet<usize> = (0..count).map(|_| rng.below(group.members.len())).collect();
+        let stay = |at: &usize| {
+            let bounds = group.members[*at].bounds;
+            Move { member: number(*at), from: bounds, to: bounds }
+        };
+        let moved = group.tree.moved(&own.iter().map(stay).collect::<Vec<_>>()).expect("members that are there");
+        let passed = group.tree.without_cells_above(|member| own.contains(&index(member))).expect("memory");
+        assert_eq!(moved.changed_bytes(), passed.changed_bytes());
+        let mut others = 0;
+        for ray in packets(24, 50 + count as u64).iter().flatten() {
+            let [a, b, all] = [&moved, &passed, &group.tree]
+                .map(|tree| alone(&tree.tree(Isa::best()), &group.members, ray, &mut walk, |_, _| {}));
+            assert_eq!(a, b, "{ray:?}");
+            others += usize::from(a.cell != all.cell);
+            if let Some(hit) = b.cell {
+                assert!(below(&group.tree, hit).iter().all(|member| !own.contains(&index(*member))), "{hit:?}");
+            }
+        }
+        assert!(others > 0, "{count} members change nothing");
+    }
 }
 
 /// After moves the cells above what moved do not stand in; all others keep the promise for what is there now.

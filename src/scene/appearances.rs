@@ -4,7 +4,7 @@
 use super::inner::Prototype as ScenePrototype;
 use super::measures::Measures;
 use super::model::Model;
-use super::placement::{Member, Placement};
+use super::placement::{Member, PlacedArray, Placement, Prototype};
 use super::state::SceneState;
 use crate::residency::Kept;
 use crate::structure::{Appearance, MemberChild, MemberLook, Visit};
@@ -21,6 +21,8 @@ type Key = (u32, [[u32; 3]; 8]);
 pub(super) struct Appearances {
     known: HashMap<Key, Option<Arc<Appearance>>>,
     bytes: u64,
+    /// True if there was no memory for one: no other is computed in this commit.
+    is_full: bool,
     memory: Kept,
 }
 
@@ -31,25 +33,40 @@ impl Model {
         if self.see_through() {
             return None;
         }
-        let snapshot = self.blocks().snapshot();
-        let view = self.tree_in(tree, &snapshot, Visit::default());
         let parts = self.parts();
         let colour = |part: u32| {
             let [r, g, b, _] = parts.get(first_part.saturating_add(part) as usize).map_or([0.6; 4], |it| it.colour);
             Vec3::new(r, g, b)
         };
-        let roots = view.root_parts()?;
-        let key = (tree, roots.map(|it| it.map_or([0; 3], |(part, _)| colour(part).to_array().map(f32::to_bits))));
+        // The charge for the answer may have to wait until blocks are free: the snapshot is gone then.
+        let (key, new) = {
+            let snapshot = self.blocks().snapshot();
+            let view = self.tree_in(tree, &snapshot, Visit::default());
+            let roots = view.root_parts()?;
+            let key = (tree, roots.map(|it| it.map_or([0; 3], |(part, _)| colour(part).to_array().map(f32::to_bits))));
+            let all = self.appearances();
+            if all.is_full {
+                return None;
+            }
+            if let Some(known) = all.known.get(&key) {
+                return known.clone();
+            }
+            drop(all);
+            (key, view.appearance(&colour).map(Arc::new))
+        };
         let mut all = self.appearances();
-        if let Some(known) = all.known.get(&key) {
-            return known.clone();
+        let bytes = all.bytes + (2 * size_of::<(Key, usize)>()) as u64 + new.as_ref().map_or(0, |it| it.bytes());
+        if all.memory.grow_to(self.context().residency(), "the looks of trees as a whole", bytes).is_err() {
+            all.is_full = true;
+            return None;
         }
-        let new = view.appearance(&colour).map(Arc::new);
-        all.bytes += (2 * size_of::<(Key, usize)>()) as u64 + new.as_ref().map_or(0, |it| it.bytes());
-        let bytes = all.bytes;
-        all.memory.grow_to(self.context().residency(), "the looks of trees as a whole", bytes).ok()?;
-        all.known.insert(key, new.clone());
-        new
+        all.bytes = bytes;
+        all.known.entry(key).or_insert(new).clone()
+    }
+
+    /// Tries again to find memory for appearances, if there was none.
+    pub(super) fn retry_appearances(&self) {
+        self.appearances().is_full = false;
     }
 }
 
@@ -97,21 +114,35 @@ pub(super) struct MemberLooks<'a> {
 
 impl<'a> MemberLooks<'a> {
     pub fn of(placement: &'a Placement, models: &'a [Model]) -> Self {
-        let of_tree = |model: u32, tree, first_part| models[model as usize].appearance(tree, first_part);
+        models.iter().for_each(Model::retry_appearances);
+        // Single instances of a model often follow each other.
+        let mut last = None;
+        let mut of_tree = |model: u32, tree: u32, first_part: u32| {
+            let key = (model, tree, first_part);
+            match &last {
+                Some((of, look)) if *of == key => Option::clone(look),
+                _ => {
+                    let look = models[model as usize].appearance(tree, first_part);
+                    last = Some((key, look.clone()));
+                    look
+                }
+            }
+        };
         let singles = placement.singles.iter().map(|it| of_tree(it.model, it.tree, it.first_part)).collect();
-        let of_array = |it: &super::placement::PlacedArray| {
-            let of_prototype = |it: &super::placement::Prototype| {
+        let mut of_array = |it: &PlacedArray| {
+            let mut of_prototype = |it: &Prototype| {
                 it.places.iter().map(|&(tree, first_part, _)| of_tree(it.model, tree, first_part)).collect()
             };
-            it.prototypes.iter().map(of_prototype).collect()
+            it.prototypes.iter().map(&mut of_prototype).collect()
         };
+        let arrays = placement.arrays.iter().map(&mut of_array).collect();
         let of_arrays = placement.scene_arrays.iter().flat_map(|it| it.prototypes.iter());
         let prototypes = placement.scenes.iter().map(|it| &it.of).chain(of_arrays);
         let mut scenes: HashMap<_, _> = HashMap::new();
         prototypes.for_each(|ScenePrototype { scene, .. }| {
             scenes.entry(Arc::as_ptr(scene)).or_insert_with(|| scene.appearance());
         });
-        Self { placement, models, singles, arrays: placement.arrays.iter().map(of_array).collect(), scenes }
+        Self { placement, models, singles, arrays, scenes }
     }
 
     /// Those of [`Placement::inner_scenes`].

@@ -127,7 +127,7 @@ impl Scene {
             Some(states) => states.occurrences = occurrences,
             None => return Err(Error::Internal("the states of a commit are shared".into())),
         }
-        state.groups = Groups::of(&state)?;
+        state.groups = Groups::of(&state, &before);
         Ok(state)
     }
 }

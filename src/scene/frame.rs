@@ -181,6 +181,9 @@ impl<'a> Frame<'a> {
     /// Where its root leads to; `None`: there is nothing in it.
     #[inline]
     pub fn root(self, scenes: Scenes) -> Option<Fork<'a>> {
+        if !scenes.has(self.states.seen_by) {
+            return None;
+        }
         self.fork(self.scene.placement.top.root()?, scenes)
     }
 

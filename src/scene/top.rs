@@ -79,6 +79,9 @@ const ROOM: f64 = 1.5;
 /// The tree is built anew once one in so many members has moved: boxes get no smaller otherwise.
 const MOST_MOVED: usize = 8;
 
+/// Greatest number of members that are searched one by one.
+const FEW: usize = 8;
+
 /// Range of the greatest coordinate for frames that are not scaled.
 const USUAL: std::ops::RangeInclusive<f64> = 1e-12..=1e12;
 
@@ -142,14 +145,20 @@ impl TopTree {
         Some((Arc::clone(tree.appearance()?), frame.placed.frame()))
     }
 
-    /// The tree in which no cell above some members stands in; `None` if one is not where its bounds are.
-    pub fn without_cells_above(&self, members: impl Iterator<Item = (u32, DBounds)>) -> Option<Self> {
+    /// The tree in which no cell above some members stands in: `members`, in ascending order, of which `bounds_of`
+    /// returns the bounds. `None` if there is no memory for it.
+    pub fn without_cells_above(&self, members: &[u32], bounds_of: impl Fn(u32) -> DBounds) -> Option<Self> {
         let Nodes { tree, frame, count, moved, has_cells } = self.nodes.as_ref()?;
-        let stays = |(member, b): (u32, DBounds)| {
-            let b = frame.local(&b);
-            Move { member, from: b, to: b }
+        let stays = |&member: &u32| {
+            let b = bounds_of(member);
+            (!b.is_empty()).then(|| frame.local(&b)).map(|b| Move { member, from: b, to: b })
         };
-        let tree = tree.moved(&members.map(stays).collect::<Vec<_>>())?;
+        // Few members are found by their boxes, many in one pass over all.
+        let tree = if members.len() <= FEW {
+            tree.moved(&members.iter().filter_map(stays).collect::<Vec<_>>())?
+        } else {
+            tree.without_cells_above(|member| members.binary_search(&member).is_ok()).ok()?
+        };
         let nodes = Nodes { tree, frame: *frame, count: *count, moved: *moved, has_cells: *has_cells };
         Some(Self { around: self.around, root: self.root, nodes: Some(nodes) })
     }

@@ -3,9 +3,9 @@
 
 use super::frame::{Fork, Frame, FrameKey, Scenes};
 use super::placed::At;
-use super::walk::{Found, NOTHING, SceneView};
+use super::walk::{EndsIn, Found, NOTHING, SceneView};
 use crate::math::{Cone, Ray};
-use crate::structure::{LocalRay, MemberChild, Outcome, Walk};
+use crate::structure::{LocalRay, MemberChild, Outcome, PartFilter, Walk};
 
 /// A ray in top trees, at one for each level. Reusable.
 #[derive(Debug, Default)]
@@ -52,8 +52,7 @@ impl TopWalk {
         let Some((members, boxes)) = frame.walked() else { return };
         let mut local = LocalRay::NONE;
         let Some((shift, scale)) = boxes.local(ray, best, true, &mut local) else { return };
-        // The caller of a walk with ends of its own tests each hit, in placed trees.
-        if view.within.is_some() || !frame.has_cells() {
+        if !frame.has_cells() {
             local.cone = Cone::ZERO;
         }
         if self.levels.len() == self.depth {
@@ -79,8 +78,9 @@ impl TopWalk {
             let tree = frame.tree()?;
             let reach = best.reach(ray);
             level.walk.shorten(level.at.in_tree(reach));
-            let walk = &mut level.walk;
-            match if ANY { tree.any(None, walk) } else { tree.closest(None, walk) } {
+            let (walk, within) = (&mut level.walk, view.within.map(|ends| EndsIn { ends, at: level.at }));
+            let filter = within.as_ref().map(|within| PartFilter { within: Some(within), ..PartFilter::default() });
+            match if ANY { tree.any(filter.as_ref(), walk) } else { tree.closest(filter.as_ref(), walk) } {
                 Outcome::Member(member) => {
                     let fork = frame.fork(MemberChild::Member(member), Scenes::SeenBy(ray.mask));
                     self.enter(view, ray, fork, reach);

@@ -268,9 +268,9 @@ pub(crate) trait Ends: std::fmt::Debug + Sync {
 
 /// The same test in one of the trees.
 #[derive(Debug)]
-struct EndsIn<'a> {
-    ends: &'a dyn Ends,
-    at: At,
+pub(super) struct EndsIn<'a> {
+    pub ends: &'a dyn Ends,
+    pub at: At,
 }
 
 impl Within for EndsIn<'_> {

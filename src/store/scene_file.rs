@@ -171,12 +171,16 @@ impl SceneFileRow for ModelFileRow {
     }
 }
 
-/// Checks the path of a model: relative, with `/` between names, and `..` only in front.
+/// Checks the path of a model: relative, with `/` between names, and `..` only in front. Names that another system
+/// takes for drives, servers or several names are refused too.
 pub fn check_path(path: &str) -> Checked<()> {
     let mut names = path.split('/').peekable();
     while names.next_if_eq(&"..").is_some() {}
     ensure(names.peek().is_some(), "the path of a model names no file")?;
-    let is_name = |name: &str| !name.is_empty() && name != "." && name != ".." && !name.contains('\0');
+    let has_drive = |name: &str| name.as_bytes().get(1) == Some(&b':');
+    let is_name = |name: &str| {
+        !name.is_empty() && name != "." && name != ".." && !name.contains(['\0', '\\']) && !has_drive(name)
+    };
     ensure(names.all(is_name), "the path of a model is not relative and in its shortest form")
 }
 

@@ -74,7 +74,7 @@ pub fn run(options: &Options, output: &Path, json: bool) -> Outcome {
     to.report(json, &value, &text)
 }
 
-/// The folder of the models. If this run has made it, it goes with its files when the run fails.
+/// The folder of the models. It goes with its files when the run fails.
 struct Folder {
     path: PathBuf,
     /// The plants by number, then the ground.
@@ -84,9 +84,13 @@ struct Folder {
 
 impl Folder {
     fn create(path: PathBuf) -> Result<Self, Failure> {
-        let goes = !path.exists();
+        // An older forest would lose its plants one by one, and fit none of the new ones if the run ends early.
+        if path.exists() {
+            let why = format!("{} is there already: remove it, or name another output", path.display());
+            return Err(Error::bad_argument(why).into());
+        }
         fs::create_dir_all(&path).map_err(|e| Error::io(&path, "create", e))?;
-        Ok(Self { path, files: Vec::new(), goes })
+        Ok(Self { path, files: Vec::new(), goes: true })
     }
 }
 

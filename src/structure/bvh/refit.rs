@@ -5,11 +5,16 @@
 use super::build::quantise::set_box;
 use super::layout::{Block, Child as Reference, HEADER_WORDS, MAX_NODES, NODE_WORDS, Node, WIDTH};
 use super::members::{Child, Members, child_of};
+use crate::base::error::Result;
 use crate::base::ids::BlockId;
+use crate::base::memory::make_room;
 use crate::math::{Bounds, bits};
 use crate::residency::Slot;
 use bytemuck::must_cast_ref;
 use std::collections::BTreeMap;
+
+/// The memory of a search through the tree, for messages.
+const WHAT: &str = "the tree over placed trees";
 
 /// A member that moves.
 #[derive(Debug, Clone, Copy)]
@@ -39,8 +44,50 @@ impl Members {
             let path = refit.path_to(it)?;
             refit.fit(&path, it.to);
         }
-        let changed = refit.changed.into_iter().map(|(id, words)| (BlockId(id), Slot::new(&words)));
-        Some(self.with_blocks(changed.collect()))
+        Some(refit.done())
+    }
+}
+
+impl Members {
+    /// The tree in which no cell above a member of those that `is_own` accepts stands in. Blocks without changes are
+    /// shared. Takes time in proportion to all members. Fails with `NoMemory`.
+    pub fn without_cells_above(&self, is_own: impl Fn(u32) -> bool) -> Result<Self> {
+        let mut refit = Refit { tree: self, changed: BTreeMap::new() };
+        // Each node after the one above it, with the index of that one and the slot there.
+        let mut nodes: Vec<(u32, usize, usize)> = vec![(self.root(), 0, 0)];
+        // For each node, the slots of children with such members below.
+        let mut own: Vec<u8> = Vec::new();
+        let mut at = 0;
+        while let Some(&(number, ..)) = nodes.get(at) {
+            let (id, node) = (number / MAX_NODES as u32, number as usize % MAX_NODES);
+            let block = Block::new(self.block(id));
+            let (stored, mut slots) = (block.node(node), 0);
+            make_room(&mut nodes, WIDTH, WHAT)?;
+            for slot in bits(stored.valid.into()) {
+                match child_of(block, id, stored.child[slot]) {
+                    Some(Child::Node(below)) => nodes.push((below, at, slot)),
+                    Some(Child::Member(member)) => slots |= u8::from(is_own(member)) << slot,
+                    None => {}
+                }
+            }
+            make_room(&mut own, 1, WHAT)?;
+            own.push(slots);
+            at += 1;
+        }
+        for at in (1..nodes.len()).rev() {
+            let (_, above, slot) = nodes[at];
+            own[above] |= u8::from(own[at] != 0) << slot;
+        }
+        for (&(number, ..), slots) in nodes.iter().zip(own).filter(|it| it.1 != 0) {
+            let (block, node) = (number / MAX_NODES as u32, number as usize % MAX_NODES);
+            let mut new = *Block::new(refit.words(block)).node(node);
+            let stand = bits(slots.into()).filter(|slot| !new.never_stands_in(*slot)).collect::<Vec<_>>();
+            if !stand.is_empty() {
+                stand.into_iter().for_each(|slot| new.keep_from_standing_in(slot));
+                refit.put(block, node, &new);
+            }
+        }
+        Ok(refit.done())
     }
 }
 
@@ -51,6 +98,20 @@ struct Refit<'a> {
 }
 
 impl Refit<'_> {
+    /// The tree with the changed blocks.
+    fn done(self) -> Members {
+        let changed = self.changed.into_iter().map(|(id, words)| (BlockId(id), Slot::new(&words)));
+        self.tree.with_blocks(changed.collect())
+    }
+
+    /// Replaces a node.
+    fn put(&mut self, block: u32, node: usize, new: &Node) {
+        let tree = self.tree;
+        let words = self.changed.entry(block).or_insert_with(|| tree.block(block).to_vec());
+        let first = HEADER_WORDS + node * NODE_WORDS;
+        words[first..first + NODE_WORDS].copy_from_slice(must_cast_ref::<Node, [u32; NODE_WORDS]>(new));
+    }
+
     fn words(&self, block: u32) -> &[u32] {
         match self.changed.get(&block) {
             Some(words) => words,
@@ -107,11 +168,8 @@ impl Refit<'_> {
             if !is_moved && is_known {
                 return;
             }
-            let tree = self.tree;
             if is_moved || !before.never_stands_in(at.slot) {
-                let words = self.changed.entry(at.block).or_insert_with(|| tree.block(at.block).to_vec());
-                let first = HEADER_WORDS + at.node * NODE_WORDS;
-                words[first..first + NODE_WORDS].copy_from_slice(must_cast_ref::<Node, [u32; NODE_WORDS]>(&node));
+                self.put(at.block, at.node, &node);
             }
             to = is_moved.then(|| node.children_box());
         }
