@@ -2980,6 +2980,58 @@ oc_status oc_scene_get_path(const struct oc_scene *scene,
                             double *out_world_from_model);
 
 /**
+ * Saves what the last commit has in a scene file, which oc_scene_open opens.
+ *
+ * The file holds the instances, arrays and scenes in scenes with their ids, transforms, masks and looks, and the
+ * lights and the background of the scene. A single instance takes 112 bytes; a member of an array 96, 48 or 44 for the
+ * forms OC_TRANSFORM_AFFINE_F64, OC_TRANSFORM_AFFINE_F32 and OC_TRANSFORM_PLACE, and 4 for an index of a prototype. A
+ * scene that is in several places takes its bytes once. Models stay in their own files, which the scene file names by
+ * their paths, relative to its own folder.
+ *
+ * - `path`: path of the scene file. A file of this name is replaced once the new one is complete.
+ *
+ * Errors:
+ * - OC_STATUS_INVALID_STATE: something cannot be saved; the message names it. This is a model that was not opened from
+ *   a path or whose file was replaced since then, a path that is no text in UTF-8, a look of parts, or a look of one
+ *   occurrence.
+ * - OC_STATUS_INVALID_ARGUMENT: `path` is the file of a model of the scene.
+ * - OC_STATUS_IO: the file cannot be written.
+ *
+ * No file is then written, and an older one stays.
+ *
+ * Thread safety: any thread. Blocks: writes the disk.
+ */
+OC_API
+oc_status oc_scene_save(const struct oc_scene *scene,
+                        const char *path);
+
+/**
+ * Opens a scene file, and the models that it names.
+ *
+ * The scene is committed, and can be edited like any other. Scenes in it stay as they were saved: there are no handles
+ * of them. The memory budget of the context counts the scene and its models as if they had been made by other calls,
+ * and some kilobytes for each scene in it, which other calls do not count.
+ *
+ * - `path`: path of the scene file.
+ * - `out_scene`: receives the scene.
+ *
+ * Errors:
+ * - OC_STATUS_CORRUPT: the file is damaged or is no scene file, or a model is not the file that the scene was saved
+ *   with; the message names the file and the place in it.
+ * - OC_STATUS_NEWER_FORMAT: a newer version of the library wrote the file.
+ * - OC_STATUS_IO: the file or a model cannot be read.
+ * - OC_STATUS_OVER_BUDGET: the budget has no room for the scene or a model. oc_last_error_need returns the least
+ *   budget that suffices for what failed.
+ *
+ * Ownership: the caller receives one reference.
+ * Thread safety: any thread. Blocks: reads the disk, as oc_model_open does for each model.
+ */
+OC_API
+oc_status oc_scene_open(const struct oc_context *context,
+                        const char *path,
+                        struct oc_scene **out_scene);
+
+/**
  * Sets the look of an instance. Takes effect at oc_scene_commit.
  *
  * - `id`: id of the instance.

@@ -426,6 +426,10 @@ class scene : public scene_handle {
         add_instances(all);
     }
     void add_instances(const oc_instances &all) { check(oc_scene_add_instances(get(), &all)); }
+    /// Opens a scene file: see oc_scene_open.
+    scene(const context &c, const std::string &path) { check(oc_scene_open(c.get(), path.c_str(), put())); }
+    /// Saves what the last commit has in a scene file: see oc_scene_save.
+    void save(const std::string &path) const { check(oc_scene_save(get(), path.c_str())); }
     void add_scene(const scene &inner, std::uint64_t id, const double *world_from_inner = nullptr) {
         check(oc_scene_add_scene(get(), inner.get(), id, world_from_inner));
     }

@@ -18,6 +18,7 @@ const SOURCES: &[&str] = &[
     "scene.rs",
     "instances.rs",
     "nested.rs",
+    "scene_files.rs",
     "looks.rs",
     "query.rs",
     "query_f32.rs",

@@ -1,8 +1,12 @@
 //! The command line `outcrop`, driven as a user would.
 #![cfg(feature = "cli")]
 
+#[path = "cli/forest.rs"]
+mod forest;
 #[path = "cli/outputs.rs"]
 mod outputs;
+#[path = "cli/scenes.rs"]
+mod scenes;
 
 use serde_json::Value;
 use std::path::Path;
@@ -491,19 +495,6 @@ fn wrong_usage_is_2_and_failure_is_1() {
         fails(dir, verb, 1, "not.oc");
     }
     assert_eq!(names(dir), ["not.oc", "not.ply"]);
-}
-
-#[test]
-fn a_damaged_model_fails_its_check() {
-    let dir = tempfile::tempdir().unwrap();
-    let dir = dir.path();
-    json(dir, &["generate", "mandelbulb", "--triangles", "5K", "-o", "b.ply"]);
-    json(dir, &["build", "b.ply", "-o", "b.oc"]);
-    let mut bytes = std::fs::read(dir.join("b.oc")).unwrap();
-    let middle = bytes.len() / 2;
-    bytes[middle] ^= 1;
-    std::fs::write(dir.join("b.oc"), bytes).unwrap();
-    fails(dir, &["check", "b.oc"], 1, "b.oc");
 }
 
 #[test]

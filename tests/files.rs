@@ -19,5 +19,6 @@ mod out_of_core_build;
 mod prefetch;
 mod read_back;
 mod residency;
+mod scene_files;
 mod sheet;
 mod streaming;

@@ -12,6 +12,8 @@ mod model;
 mod page;
 #[path = "format/payloads.rs"]
 mod payloads;
+#[path = "format/scene.rs"]
+mod scene;
 
 use model::{ends_of_sets, hash, model, sections, with_proxies};
 use outcrop::lod;

@@ -263,3 +263,52 @@ fn opens_queries_and_pictures_while_the_system_fails() {
         }
     }
 }
+
+/// A scene file is saved whole or not at all, and opened or refused with the system's error.
+#[test]
+fn scene_files_while_the_system_fails() {
+    let _alone = alone();
+    let file = built::parts(&[Part::white(1, scenes::bumpy_sphere(20, 30, 3))]);
+    let context = context(0);
+    let model = Model::open(&context, &file.path).expect("a model");
+    let [tile, scene] = [Scene::new(&context), Scene::new(&context)];
+    tile.add_instance(&model, 7, DAffine3::IDENTITY).expect("an instance");
+    tile.commit().expect("a commit");
+    scene.add_scene(&tile, 1, DAffine3::IDENTITY).expect("a scene");
+    scene.commit().expect("a commit");
+    let path = file.path.with_file_name("scene.oc");
+    for (call, least) in [(Call::Open, 2), (Call::Read, 2), (Call::Write, 1), (Call::Sync, 1), (Call::Rename, 1)] {
+        let save = || {
+            std::fs::write(&path, "old").expect("the old file");
+            libc_calls::armed(|| scene.save(&path))
+        };
+        let count = at_each(call, 1, save, |result, n, failed| {
+            let what = format!("{call:?} {n} of saving");
+            assert_eq!(names(file.path.parent().expect("a folder")).len(), 2, "{what}");
+            match result {
+                Ok(_) => assert!(hits(&Scene::open(&context, &path).expect("a scene").state()).is_ok(), "{what}"),
+                Err(error) => {
+                    assert!(failed, "{what}: {error}");
+                    is_io(&error);
+                    let renamed = matches!(&error, Error::Io { doing: "syncing the folder", .. });
+                    let is_old = std::fs::read(&path).expect("the old file") == b"old";
+                    assert!(renamed || is_old, "{what}: {error}");
+                }
+            }
+        });
+        assert!(count >= least, "{call:?}: only {count} calls");
+    }
+    scene.save(&path).expect("a file");
+    let expected = hits(&scene.state()).expect("hits");
+    for (call, least) in [(Call::Open, 2), (Call::Read, 4)] {
+        let ask = || libc_calls::armed(|| Scene::open(&context, &path).and_then(|scene| hits(&scene.state())));
+        let count = at_each(call, 1, ask, |result, n, failed| match result {
+            Ok(found) => assert!(found == expected, "{call:?} {n}: wrong hits"),
+            Err(error) => {
+                assert!(failed, "{error}");
+                is_io(&error);
+            }
+        });
+        assert!(count >= least, "{call:?}: only {count} calls");
+    }
+}

@@ -36,6 +36,7 @@ pub mod query_f32;
 pub mod report;
 pub mod resolve;
 pub mod scene;
+pub mod scene_files;
 pub mod status;
 #[cfg(debug_assertions)]
 pub(crate) mod testing;

@@ -56,6 +56,11 @@ impl Transforms {
         self.len() == 0
     }
 
+    /// Bytes of memory of one transform.
+    pub(super) fn bytes_each(&self) -> u64 {
+        self.bytes() / self.len().max(1) as u64
+    }
+
     /// Bytes of memory.
     fn bytes(&self) -> u64 {
         let bytes = match self {
@@ -219,6 +224,25 @@ impl Array {
     pub fn member(&self, id: u64) -> Option<u32> {
         let at = id.checked_sub(self.first_id)?;
         (at < u64::from(self.len())).then_some(at as u32)
+    }
+
+    /// The indices as they were given: empty if all members are of the first prototype.
+    pub fn indices(&self) -> &[u32] {
+        &self.prototype_of
+    }
+
+    /// The form of the transforms.
+    pub fn form(&self) -> &Transforms {
+        &self.transforms
+    }
+
+    /// The transforms in their form, in order: in pieces, each a range of others.
+    pub fn pieces(&self) -> impl Iterator<Item = (&Transforms, Range<usize>)> {
+        let count = self.transforms.len();
+        (0..count.div_ceil(PAGE)).map(move |at| match self.pages.get(at) {
+            Some(Some(page)) => (page, 0..page.len()),
+            _ => (&self.transforms, at * PAGE..count.min((at + 1) * PAGE)),
+        })
     }
 
     /// The index of each member's prototype.

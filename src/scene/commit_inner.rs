@@ -3,6 +3,7 @@
 use super::draft::{Draft, DraftArray, DraftState};
 use super::edit::Scene;
 use super::frame::bounds_of_scene;
+use super::given::Given;
 use super::inner::{Counts, Inner, PlacedScene, PlacedSceneArray, Prototype};
 use super::model::Model;
 use super::placement::Placement;
@@ -117,6 +118,7 @@ impl InnerScenes {
         };
         singles.map(|(_, scene)| of(scene)).sum::<u64>()
             + draft.scene_arrays.iter().zip(&self.arrays).map(of_array).sum::<u64>()
+            + Given::bytes(draft)
     }
 
     /// Adds the states of what is in them. Those of `before`, of the last commit, are used again where they are the
@@ -148,6 +150,7 @@ impl InnerScenes {
             SceneArrayStates { common: common.collect(), own: own.collect() }
         });
         states.scene_arrays = arrays.collect();
+        states.given = Given::of(draft);
     }
 
     /// True if their states let rays through: by their own looks, or by those of the scenes here.

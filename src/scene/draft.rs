@@ -43,6 +43,8 @@ pub(super) struct Draft {
     /// Bytes of looks of parts that were edited since the last commit, and their charge.
     pub(super) edited: u64,
     pub(super) edits: Kept,
+    /// Of the scenes in this one that came with it from a file, and of their tables.
+    pub(super) opened: Kept,
 }
 
 #[derive(Clone)]
@@ -93,7 +95,7 @@ pub(super) enum ArrayKey {
 
 impl<P> DraftArray<P> {
     /// The state of a member, to be edited.
-    fn state(&mut self, context: &Context, member: u32) -> Result<&mut DraftState> {
+    pub(super) fn state(&mut self, context: &Context, member: u32) -> Result<&mut DraftState> {
         if !self.own.contains_key(&member) {
             self.memory.grow_to(context.residency(), looks::WHAT, ((self.own.len() + 1) * OWN) as u64)?;
         }
@@ -138,7 +140,7 @@ fn first_in<V>(keys: &HashMap<u64, V>, mut ids: RangeInclusive<u64>) -> Option<u
 }
 
 /// Bytes of the state of a member of its own. The table may be half empty.
-const OWN: usize = 2 * (size_of::<(u32, DraftState)>() + size_of::<(u32, InstanceState)>() + 2);
+pub(super) const OWN: usize = 2 * (size_of::<(u32, DraftState)>() + size_of::<(u32, InstanceState)>() + 2);
 
 impl Draft {
     pub(super) fn draftees(&self) -> impl Iterator<Item = &Draftee> + Clone {

@@ -86,6 +86,7 @@ impl Scene {
             memory: Kept::default(),
             edited: 0,
             edits: Kept::default(),
+            opened: Kept::default(),
         };
         Self(Arc::new(Inner { context: context.clone(), draft: Mutex::new(draft), committed }))
     }

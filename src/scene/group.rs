@@ -4,13 +4,14 @@
 
 use super::alike::Alike;
 use super::beam::Beam;
+use super::entered::{Entered, EnteredTree};
 use super::frame::{Scenes, Target};
 use super::packet::ScenePacket;
 use super::placed::Placed;
 use super::ray_rows::RayRows;
 use super::walk::{FirstCell, Found, HitTree, NOTHING, Need, SceneView, Step};
 use super::widths::Width;
-use crate::math::{DBounds, PACKET, Ray, bits, first_rays};
+use crate::math::{PACKET, Ray, bits, first_rays};
 use crate::structure::{LocalRay, LocalRays, Outcome, PacketWalk, PartFilter, Rooted, Tree};
 use glam::DVec3;
 use std::borrow::Cow;
@@ -32,7 +33,7 @@ pub(crate) struct Group {
     is_moved: bool,
     /// The packet of rays that enter several trees.
     scene: Box<ScenePacket>,
-    entered: Vec<Entered>,
+    entered: Entered,
 }
 
 impl Default for Group {
@@ -46,73 +47,10 @@ impl Default for Group {
             moved: [UNMOVED; PACKET],
             is_moved: false,
             scene: Box::default(),
-            entered: Vec::new(),
+            entered: Entered::default(),
         }
     }
 }
-
-/// A placed tree that rays of a beam may enter.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Entered {
-    pub placed: u64,
-    /// Bounds of all that rays may hit in it.
-    pub bounds: DBounds,
-}
-
-/// Greatest number of placed trees that a beam collects. Rays that enter more go tree by tree, each ray where it enters
-/// the tree's bounds.
-pub(super) const FEW: usize = 4;
-
-impl SceneView<'_> {
-    /// Collects in `out` the placed trees that rays of a beam may enter up to `t_max` and that are visible to them.
-    /// Returns false if the list is incomplete: there are more than [`FEW`], a stand-in for several may answer one of
-    /// the rays, or the top tree is too deep for the stack. `width`: that of the rays.
-    pub fn entered(&self, beam: &Beam, width: Width, t_max: f64, out: &mut Vec<Entered>) -> bool {
-        out.clear();
-        let around = *self.scene.placement.top.around();
-        let Some(root) = self.scene.root(Scenes::SeenBy(beam.mask)).filter(|_| beam.enter(&around, t_max).is_some())
-        else {
-            return true;
-        };
-        let mut todo = [(root, around); MOST_OPEN];
-        let mut count = 1;
-        while count > 0 {
-            count -= 1;
-            let (node, bounds) = todo[count];
-            match node {
-                Target::Placed(placed) if self.seen_by(placed) & beam.mask == 0 => {}
-                Target::Placed(placed) => {
-                    if out.len() == FEW {
-                        return false;
-                    }
-                    out.push(Entered { placed, bounds });
-                }
-                Target::Inner(node) => {
-                    if count + MOST_CHILDREN > MOST_OPEN {
-                        return false;
-                    }
-                    let mut may_stand_in = false;
-                    self.scene.children_and_widths(node, Scenes::SeenBy(beam.mask), |child, bounds, least| {
-                        if beam.enter(&bounds, t_max).is_some() {
-                            may_stand_in |= width.may_reach(least, &bounds, beam);
-                            todo[count] = (child, bounds);
-                            count += 1;
-                        }
-                    });
-                    if may_stand_in {
-                        return false;
-                    }
-                }
-            }
-        }
-        true
-    }
-}
-
-/// Size of the stack of top-tree nodes: a depth-first walk holds up to seven nodes for each level.
-const MOST_OPEN: usize = 64;
-/// Greatest number of children of a node.
-const MOST_CHILDREN: usize = 8;
 
 impl Group {
     /// See [`PacketWalk::begin_batch`].
@@ -142,15 +80,15 @@ impl Group {
         }
         let (beam, width) = (Beam::of(&rays[..count], alike), Width::of(&rays[..count], alike));
         let is_few = view.entered(&beam, width, f64::INFINITY, &mut self.entered);
-        match self.entered[..] {
+        match self.entered.trees[..] {
             [] if is_few => {
                 (self.only, self.is_moved) = (Some(NOTHING), false);
                 self.walk.miss();
                 Some(Ok(0))
             }
-            [Entered { placed, .. }] if is_few => self.trace_in::<ANY>(view, placed, (rays, count), alike, says),
+            [EnteredTree { placed, .. }] if is_few => self.trace_in::<ANY>(view, placed, (rays, count), alike, says),
             _ => {
-                if !(says || is_few && self.are_near(view, self.entered[0].placed, (rays, count), alike)) {
+                if !(says || is_few && self.are_near(view, self.entered.trees[0].placed, (rays, count), alike)) {
                     return None;
                 }
                 self.only = None;
@@ -188,29 +126,28 @@ impl Group {
 
     /// True if the rays are coherent in the first of the trees that they enter.
     fn are_near(&mut self, view: &SceneView, placed: u64, rays: (&[Ray; PACKET], usize), alike: &Alike) -> bool {
-        if are_apart(&view.scene.placed(placed), &rays.0[..rays.1], alike) {
+        let (stand, p) = view.scene.stand_placed(placed);
+        if are_apart(&p, &rays.0[..rays.1], alike) {
             return false;
         }
-        let tree = view.tree(placed);
-        self.begin_in(view, placed, &tree, rays, alike);
+        let tree = view.tree_at(&stand);
+        self.begin_in(view, (&p, view.scene.seen_at(&stand)), &tree, rays, alike);
         self.walk.is_coherent(&tree, false)
     }
 
-    /// Starts rays in a placed tree.
+    /// Starts rays in a placed tree; `seen_by`: the mask of the rays that see it.
     #[inline(always)]
     fn begin_in(
         &mut self,
         view: &SceneView,
-        placed: u64,
+        (p, seen_by): (&Placed, u32),
         tree: &Tree,
         (rays, count): (&[Ray; PACKET], usize),
         alike: &Alike,
     ) {
-        let p = view.scene.placed(placed);
-        let seen_by = view.seen_by(placed);
         let Self { walk, rows, local, moved, is_moved, .. } = self;
-        if let Some(start) = one_start(&p, &rays[0], alike, seen_by)
-            && set_from(start, &p, tree, (rays, count), (alike, view.widen_interval), walk)
+        if let Some(start) = one_start(p, &rays[0], alike, seen_by)
+            && set_from(start, p, tree, (rays, count), (alike, view.widen_interval), walk)
         {
             *is_moved = false;
             return walk.start(tree, first_rays(count));
@@ -222,7 +159,7 @@ impl Group {
             among |= u32::from(ray.mask & seen_by != 0) << i;
         }
         *is_moved = false;
-        let inside = rows.take_all_into_tree(tree.isa(), &p, among, (&best, view.widen_interval), local, |i, way| {
+        let inside = rows.take_all_into_tree(tree.isa(), p, among, (&best, view.widen_interval), local, |i, way| {
             if !*is_moved {
                 (*is_moved, *moved) = (true, [UNMOVED; PACKET]);
             }
@@ -241,13 +178,13 @@ impl Group {
         alike: &Alike,
         says: bool,
     ) -> Option<Result<u32, Need>> {
-        if !says && are_apart(&view.scene.placed(placed), &rays.0[..rays.1], alike) {
+        let (stand, p) = view.scene.stand_placed(placed);
+        if !says && are_apart(&p, &rays.0[..rays.1], alike) {
             return None;
         }
-        let stand = view.scene.stand(placed);
         let (tree, filter) = (view.tree_at(&stand), view.filter_at(&stand));
         self.only = Some(placed);
-        self.begin_in(view, placed, &tree, rays, alike);
+        self.begin_in(view, (&p, view.scene.seen_at(&stand)), &tree, rays, alike);
         if !self.walk.is_coherent(&tree, says) {
             return None;
         }
@@ -407,8 +344,8 @@ pub(crate) struct CameraTree<'a> {
 impl<'a> CameraTree<'a> {
     /// The placed tree `number`.
     pub fn of(view: &SceneView<'a>, number: u64) -> Self {
-        let placed = view.scene.placed(number);
-        Self { number, placed, tree: view.tree(number), filter: view.filter(number) }
+        let (stand, placed) = view.scene.stand_placed(number);
+        Self { number, placed, tree: view.tree_at(&stand), filter: view.filter_at(&stand) }
     }
 
     /// True if the tree's frame is not only translated.

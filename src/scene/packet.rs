@@ -5,6 +5,7 @@
 use super::frame::{Fork, Frame, FrameKey, Scenes};
 use super::placed::{At, Placed};
 use super::ray_rows::RayRows;
+use super::state::Stand;
 use super::walk::{FirstCell, Found, HitTree, NOTHING, SceneView, Step};
 use crate::math::{PACKET, Ray, bits};
 use crate::simd::Isa;
@@ -190,9 +191,11 @@ impl SceneView<'_> {
     /// Traces the rays as a packet; finds the hits that [`SceneView::trace`] finds for each single ray.
     pub fn trace_packet<const ANY: bool>(&self, rays: &[Ray; PACKET], walk: &mut ScenePacket) -> Step {
         debug_assert!(self.within.is_none(), "a double-precision interval belongs to a single ray");
+        // Where the packet has just entered, that is known.
+        let mut here = None;
         loop {
             if let Some(placed) = walk.at {
-                let stand = self.scene.stand(placed);
+                let stand = here.take().unwrap_or_else(|| self.scene.stand(placed));
                 let (tree, filter) = (self.tree_at(&stand), self.filter_at(&stand));
                 let outcome = if ANY {
                     tree.any_together(filter.as_ref(), &mut walk.tree)
@@ -220,7 +223,7 @@ impl SceneView<'_> {
                 }
             }
             match self.next_of_packet::<ANY>(rays, walk) {
-                Some((placed, among)) => self.enter_packet(rays, placed, among, walk),
+                Some((placed, among)) => here = Some(self.enter_packet(rays, placed, among, walk)),
                 None => return Step::Done,
             }
         }
@@ -261,8 +264,8 @@ impl SceneView<'_> {
         }
     }
 
-    fn enter_packet(&self, rays: &[Ray; PACKET], placed: u64, mask: u32, walk: &mut ScenePacket) {
-        let (p, stand) = (self.scene.placed(placed), self.scene.stand(placed));
+    fn enter_packet(&self, rays: &[Ray; PACKET], placed: u64, mask: u32, walk: &mut ScenePacket) -> Stand<'_> {
+        let (stand, p) = self.scene.stand_placed(placed);
         let seen_by = self.scene.seen_at(&stand);
         let sees = bits(mask).filter(|&i| rays[i].mask & seen_by != 0).fold(0, |all, i| all | 1 << i);
         let isa = self.scene.context().isa();
@@ -272,5 +275,6 @@ impl SceneView<'_> {
             walk.tree.start(&self.tree_at(&stand), walk.inside);
             walk.at = Some(placed);
         }
+        stand
     }
 }

@@ -92,12 +92,12 @@ pub(super) struct PlacedMesh {
     pub ids: PlacedIds,
     pub world_from_mesh: DAffine3,
     /// Those of the map, if they are stored.
-    measures: Option<Measures>,
+    pub measures: Option<Measures>,
 }
 
 impl PlacedMesh {
     /// The placed tree; `models`: those of the scene.
-    fn placed(self, models: &[Model]) -> Placed {
+    pub fn placed(self, models: &[Model]) -> Placed {
         let Self { ids, world_from_mesh, measures } = self;
         let stored = &models[ids.model as usize].trees()[ids.tree as usize];
         let measures = measures.unwrap_or_else(|| Measures::of(&world_from_mesh.matrix3));
@@ -172,7 +172,7 @@ impl PlacedArray {
         PlacedIds { model: prototype.model, tree, instance: u64::from(self.first_instance + member), first_part }
     }
 
-    fn mesh(&self, number: u32) -> PlacedMesh {
+    pub(super) fn mesh(&self, number: u32) -> PlacedMesh {
         let Of { member, nth } = self.of(number);
         let prototype = self.prototype(member);
         let (tree, first_part, model_from_mesh) = prototype.places[nth as usize];

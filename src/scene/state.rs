@@ -8,7 +8,7 @@ use super::light::{Background, Light};
 use super::looks::{Look, PartsShown};
 use super::model::Model;
 use super::placed::Placed;
-use super::placement::{Holder, PlacedIds, Placement};
+use super::placement::{Holder, PlacedArray, PlacedIds, PlacedMesh, Placement};
 use crate::math::DBounds;
 use crate::residency::Kept;
 use crate::structure::ShownBlocks;
@@ -62,6 +62,8 @@ pub(super) struct ArrayStates {
 pub(super) struct States {
     /// The mask of the rays that see anything of them.
     pub seen_by: u32,
+    /// What the scenes in this one were given themselves.
+    pub given: super::given::Given,
     /// Of single instances.
     pub singles: Vec<InstanceState>,
     pub arrays: Vec<ArrayStates>,
@@ -140,6 +142,7 @@ impl States {
             singles: self.singles.iter().map(under).collect(),
             arrays: self.arrays.iter().map(of_array).collect(),
             scenes,
+            given: Default::default(),
         }
     }
 
@@ -179,9 +182,7 @@ impl States {
         let (ids, state) = match placement.holder_of(number) {
             Holder::Array(array) => {
                 let ids = array.ids_of(number as u32);
-                let states = &self.arrays[placement.array_with(ids.instance)];
-                let member = (ids.instance - u64::from(array.first_instance)) as u32;
-                (ids, states.own.get(&member).unwrap_or(&states.common))
+                (ids, self.of_member(placement, array, ids.instance))
             }
             Holder::Scene(it) => {
                 let (inner, state) = self.in_scene(placement, &it).with_ids(&it.scene.placement, number - it.first);
@@ -192,6 +193,36 @@ impl States {
             true => (ids, state),
             false => (ids, self.occurrences.get(&ids.instance).unwrap_or(state)),
         }
+    }
+
+    /// [`States::with_ids`], also the place of the mesh, for a placed tree that is of no single instance.
+    fn with_mesh(&self, placement: &Placement, number: u64) -> (PlacedMesh, &InstanceState) {
+        if let Some(placed) = placement.single(number) {
+            let mesh = PlacedMesh { ids: **placed, world_from_mesh: placed.world_from_mesh(), measures: None };
+            return (mesh, &self.singles[placed.instance as usize]);
+        }
+        let (mesh, state) = match placement.holder_of(number) {
+            Holder::Array(array) => {
+                let mesh = array.mesh(number as u32);
+                (mesh, self.of_member(placement, array, mesh.ids.instance))
+            }
+            Holder::Scene(it) => {
+                let (inner, state) = self.in_scene(placement, &it).with_mesh(&it.scene.placement, number - it.first);
+                let world_from_mesh = it.world_from_scene() * inner.world_from_mesh;
+                (PlacedMesh { ids: it.outer(inner.ids), world_from_mesh, measures: None }, state)
+            }
+        };
+        match self.occurrences.is_empty() {
+            true => (mesh, state),
+            false => (mesh, self.occurrences.get(&mesh.ids.instance).unwrap_or(state)),
+        }
+    }
+
+    /// The state of a member of an array.
+    fn of_member(&self, placement: &Placement, array: &PlacedArray, instance: u64) -> &InstanceState {
+        let states = &self.arrays[placement.array_with(instance)];
+        let member = (instance - u64::from(array.first_instance)) as u32;
+        states.own.get(&member).unwrap_or(&states.common)
     }
 
     /// The states of what is in a scene in this one.
@@ -275,6 +306,16 @@ impl SceneState {
             Some(placed) => Cow::Borrowed(placed),
             None => Cow::Owned(self.placement.made(number, &self.models)),
         }
+    }
+
+    /// [`SceneState::stand`] and [`SceneState::placed`]: found together, they take little more time than one.
+    #[inline]
+    pub(super) fn stand_placed(&self, number: u64) -> (Stand<'_>, Cow<'_, Placed>) {
+        if let Some(placed) = self.placement.single(number) {
+            return (self.stand(number), Cow::Borrowed(placed));
+        }
+        let (mesh, state) = self.states.with_mesh(&self.placement, number);
+        (Stand { number, ids: mesh.ids, state }, Cow::Owned(mesh.placed(&self.models)))
     }
 
     /// See [`PlacedIds`].

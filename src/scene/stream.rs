@@ -5,8 +5,8 @@
 use super::alike::Alike;
 use super::beam::Beam;
 use super::box_ray::PacketBoxRays;
+use super::entered::Entered;
 use super::frame::{Scenes, Target};
-use super::group::Entered;
 use super::placed::At;
 use super::ray_rows::RayRows;
 use super::state::Stand;
@@ -38,7 +38,7 @@ pub(crate) struct SceneStream {
     /// True for rays that are not done: `todo` or `tops` has more for them.
     goes_on: Box<[bool; STREAM]>,
     /// The placed trees that some packet's rays may enter.
-    entered: Vec<Entered>,
+    entered: Entered,
     packet: Box<PacketBoxRays>,
     /// Rays that enter a placed tree in this round.
     entering: Vec<Entering>,
@@ -85,7 +85,7 @@ impl Default for SceneStream {
             todo: Vec::new(),
             tops: Vec::new(),
             goes_on: Box::new([false; STREAM]),
-            entered: Vec::new(),
+            entered: Entered::default(),
             packet: Box::new(PacketBoxRays::NONE),
             entering: Vec::new(),
             unfinished: Vec::new(),
@@ -276,7 +276,7 @@ impl SceneView<'_> {
         let group = &rays[first..rays.len().min(first + PACKET)];
         let alike = Alike::of(group);
         let is_few = self.entered(&Beam::of(group, &alike), Width::of(group, &alike), f64::INFINITY, &mut walk.entered);
-        if let ([only], true) = (&walk.entered[..], is_few) {
+        if let ([only], true) = (&walk.entered.trees[..], is_few) {
             walk.goes_on[first..][..group.len()].fill(false);
             return entering.extend((first..).zip(group).filter_map(|(i, ray)| self.entering(ray, i, only.placed)));
         }
@@ -293,7 +293,7 @@ impl SceneView<'_> {
                 .iter_mut()
                 .zip(group)
                 .for_each(|(t_max, ray)| *t_max = if ray.can_hit() { ray.t_max } else { f64::NEG_INFINITY });
-            for tree in &*entered {
+            for tree in &entered.trees {
                 let mut enter = [0.0; PACKET];
                 for i in bits(packet.enter(self.scene.context().isa(), &tree.bounds, &t_max, &mut enter)) {
                     let todo = &mut todo[first + i];

@@ -482,9 +482,12 @@ impl<'a> SceneView<'a> {
     /// Finds the closest hit of the ray that `walk` was begun with, or any hit if `ANY`.
     pub fn trace<const ANY: bool>(&self, ray: &Ray, walk: &mut SceneWalk) -> Step {
         let mut best = walk.best();
+        // Where the ray has just entered, that is known.
+        let mut here = None;
         loop {
             if let Some(at) = walk.inside {
-                if let Outcome::Pending(block) = self.trace_in::<ANY>(at, &mut walk.tree) {
+                let stand = here.take().unwrap_or_else(|| self.scene.stand(at.placed));
+                if let Outcome::Pending(block) = self.trace_in::<ANY>(at, &stand, &mut walk.tree) {
                     return Step::Pending(self.need(at.placed, block));
                 }
                 best.offer::<ANY>(self.widen_interval, &at, walk.tree.best(), walk.tree.first_cell());
@@ -497,15 +500,15 @@ impl<'a> SceneView<'a> {
             let next = walk.top.next::<ANY>(self, ray, &mut best);
             walk.best = Some(best);
             let Some(placed) = next else { return Step::Done };
-            walk.inside = self.enter(ray, placed, best.reach(ray), &mut walk.tree);
+            let (stand, inside) = self.enter(ray, placed, best.reach(ray), &mut walk.tree);
+            (here, walk.inside) = (Some(stand), inside);
         }
     }
 
     /// Continues a walk in a placed tree.
     #[inline]
-    fn trace_in<const ANY: bool>(&self, at: At, walk: &mut Walk) -> Outcome {
-        let stand = self.scene.stand(at.placed);
-        let (tree, mut filter) = (self.tree_at(&stand), self.filter_at(&stand));
+    fn trace_in<const ANY: bool>(&self, at: At, stand: &Stand<'a>, walk: &mut Walk) -> Outcome {
+        let (tree, mut filter) = (self.tree_at(stand), self.filter_at(stand));
         let within = self.within.map(|ends| EndsIn { ends, at });
         if let Some(within) = &within {
             filter = Some(PartFilter { within: Some(within), ..filter.unwrap_or_default() });
@@ -513,17 +516,18 @@ impl<'a> SceneView<'a> {
         if ANY { tree.any(filter.as_ref(), walk) } else { tree.closest(filter.as_ref(), walk) }
     }
 
-    /// Puts a ray into a placed tree; `None` if it certainly hits nothing there before `best`.
+    /// Puts a ray into a placed tree; no placement if it certainly hits nothing there before `best`.
     #[inline]
-    fn enter(&self, ray: &Ray, placed: u64, best: f64, walk: &mut Walk) -> Option<At> {
-        let stand = self.scene.stand(placed);
+    fn enter(&self, ray: &Ray, placed: u64, best: f64, walk: &mut Walk) -> (Stand<'a>, Option<At>) {
+        let (stand, p) = self.scene.stand_placed(placed);
         if self.scene.seen_at(&stand) & ray.mask == 0 {
-            return None;
+            return (stand, None);
         }
         let mut local = LocalRay::NONE;
-        let p = self.scene.placed(placed);
-        let (shift, scale) = p.local(ray, best, self.widen_interval, &mut local)?;
-        walk.begin(&self.tree_at(&stand), &local);
-        Some(At { placed, shift, scale })
+        let way = p.local(ray, best, self.widen_interval, &mut local);
+        if way.is_some() {
+            walk.begin(&self.tree_at(&stand), &local);
+        }
+        (stand, way.map(|(shift, scale)| At { placed, shift, scale }))
     }
 }

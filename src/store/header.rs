@@ -1,5 +1,6 @@
 //! The header, the first 256 bytes of a model file, and the footer, its last 32 bytes (FORMAT.md, sections 2 and 7).
 
+use super::scene_file::SCENE_MAGIC;
 use super::sections::{check_bounds, is_finite};
 use crate::base::bytes::{ByteReader, Malformed, PutBytes, ensure};
 use xxhash_rust::xxh3::xxh3_64;
@@ -267,6 +268,7 @@ fn check_magic(bytes: &[u8]) -> Result<(), Malformed> {
     let name_only = |b: &[u8]| b.get(1..4) == Some(b"OCR".as_slice()) && b[0] & 0x7f == MAGIC[0] & 0x7f;
     ensure(!name_only(bytes), "the first bytes are damaged, for example by a transfer in text mode")?;
     ensure(!MAGIC.starts_with(bytes), "truncated or empty")?;
+    ensure(!bytes.starts_with(&SCENE_MAGIC), "a scene file, not a model file")?;
     Err(Malformed::new("not an outcrop model"))
 }
 

@@ -1,5 +1,6 @@
 //! The model file: written once from front to back, read at random offsets, with every byte checked. The payload of a
-//! block is opaque to this module. `FORMAT.md` in this folder describes the file byte by byte. Uses base.
+//! block is opaque to this module. The scene file names models and places them. `FORMAT.md` in this folder describes
+//! both files byte by byte. Uses base.
 #![forbid(unsafe_code)]
 
 mod aside;
@@ -14,6 +15,7 @@ pub mod part_sets;
 mod parts;
 pub mod proxies;
 pub mod reader;
+pub mod scene_file;
 pub mod sections;
 pub mod source;
 pub mod writer;

@@ -93,6 +93,10 @@ impl ModelFile {
     pub fn name(&self) -> &Path {
         self.source.name()
     }
+    /// The absolute path of the file; `None` if its source is none.
+    pub fn path(&self) -> Option<&Path> {
+        self.source.path()
+    }
     /// Number of bytes of the file.
     pub fn file_len(&self) -> u64 {
         self.file_len

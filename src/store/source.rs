@@ -20,6 +20,10 @@ pub trait Source: Send + Sync {
     fn read_at(&self, offset: u64, buf: &mut [u8]) -> io::Result<()>;
     /// The path of the file, or a name for messages.
     fn name(&self) -> &Path;
+    /// The absolute path of the file; `None` for a source that is none.
+    fn path(&self) -> Option<&Path> {
+        None
+    }
 }
 
 /// A regular file, read at offsets. Pages that were read do not stay in the system's page cache, where the system
@@ -32,6 +36,8 @@ pub struct FileSource {
     file: std::sync::Mutex<File>,
     len: u64,
     path: PathBuf,
+    /// The path with the folder of the process at the time of opening.
+    absolute: PathBuf,
 }
 
 impl FileSource {
@@ -52,7 +58,8 @@ impl FileSource {
         page_cache::expect_random(&file);
         #[cfg(not(unix))]
         let file = std::sync::Mutex::new(file);
-        Ok(Self { file, len, path: path.to_path_buf() })
+        let absolute = std::path::absolute(path).map_err(fail)?;
+        Ok(Self { file, len, path: path.to_path_buf(), absolute })
     }
 }
 
@@ -75,6 +82,9 @@ impl Source for FileSource {
     }
     fn name(&self) -> &Path {
         &self.path
+    }
+    fn path(&self) -> Option<&Path> {
+        Some(&self.absolute)
     }
 }
 

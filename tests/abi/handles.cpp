@@ -15,6 +15,14 @@ static_assert(sizeof(outcrop::part_reader) == sizeof(void *), "likewise");
 static_assert(sizeof(outcrop::part_set) == sizeof(void *), "likewise");
 static_assert(sizeof(outcrop::cursor) == sizeof(void *), "likewise");
 
+#ifndef OUTCROP_NO_EXCEPTIONS
+// A scene is saved, and opened again.
+void saved(outcrop::context &context, outcrop::scene &scene, const std::string &path) {
+    scene.save(path);
+    scene = outcrop::scene(context, path);
+}
+#endif
+
 outcrop::model opened(outcrop::context &context, const char *path) {
     outcrop::model model;
     if (oc_model_open(context.get(), path, model.put()) != OC_STATUS_OK) return outcrop::model();

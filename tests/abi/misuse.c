@@ -838,11 +838,43 @@ static oc_scene *scenes(oc_context *c) {
     OK(oc_scene_get_path(outer, 0, NULL, 0, &levels, NULL));
     OK(oc_scene_get_path(outer, 0, path, 2, &levels, placed));
     CHECK(levels == 2 && path[0] == 1 && path[1] == 3 && placed[0] == 1);
+    oc_scene *again = NULL;
+    INVALID(oc_scene_save(NULL, file("s.oc")));
+    INVALID(oc_scene_save(outer, NULL));
+    INVALID(oc_scene_save(outer, ""));
+    INVALID(oc_scene_save((oc_scene *)(void *)m, file("s.oc")));
+    INVALID(oc_scene_save(outer, file("m.oc"))); /* its own model */
+    EXPECT(OC_STATUS_IO, oc_scene_save(outer, dir));
+    EXPECT(OC_STATUS_IO, oc_scene_save(outer, file("missing/s.oc")));
+    OK(oc_scene_save(outer, file("s.oc")));
+    INVALID(oc_scene_open(NULL, file("s.oc"), &again));
+    INVALID(oc_scene_open(c, NULL, &again));
+    INVALID(oc_scene_open(c, "", &again));
+    INVALID(oc_scene_open(c, file("s.oc"), NULL));
+    EXPECT(OC_STATUS_IO, oc_scene_open(c, file("missing.oc"), &again));
+    EXPECT(OC_STATUS_IO, oc_scene_open(c, dir, &again));
+    EXPECT(OC_STATUS_CORRUPT, oc_scene_open(c, file("text.oc"), &again));
+    EXPECT(OC_STATUS_CORRUPT, oc_scene_open(c, file("m.oc"), &again));
+    EXPECT(OC_STATUS_CORRUPT, oc_model_open(c, file("s.oc"), (oc_model **)(void *)&again));
+    CHECK(again == NULL); /* outputs are written only on success */
+    OK(oc_scene_open(c, file("s.oc"), &again));
+    OK(oc_scene_get_path(again, 0, path, 2, &levels, placed));
+    CHECK(levels == 2 && path[0] == 1 && path[1] == 3 && placed[0] == 1);
+    OK(oc_scene_remove_instance(again, 1));
+    OK(oc_scene_commit(again));
+    INVALID(oc_scene_get_path(again, 0, NULL, 0, &levels, NULL));
+    oc_scene_release(again);
     INVALID(oc_scene_set_occurrence_look(NULL, 0, NULL));
     INVALID(oc_scene_set_occurrence_look(outer, 1, NULL));
     INVALID(oc_scene_set_occurrence_look(outer, OC_NO_ID, &look));
     GARBAGE_SIZES(oc_look, oc_scene_set_occurrence_look(outer, 0, s));
     OK(oc_scene_set_occurrence_look(outer, 0, &look));
+    oc_look unseen = look;
+    unseen.flags = OC_LOOK_HIDDEN;
+    OK(oc_scene_set_occurrence_look(outer, 0, &unseen));
+    OK(oc_scene_commit(outer));
+    EXPECT(OC_STATUS_INVALID_STATE, oc_scene_save(outer, file("s.oc"))); /* a look of one occurrence is not saved */
+    CHECK(strstr(oc_last_error(), "1, 3"));
     OK(oc_scene_set_occurrence_look(outer, 0, NULL));
     OK(oc_scene_remove_instance(outer, 1));
     oc_scene_release(inner);

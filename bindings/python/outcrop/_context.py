@@ -136,6 +136,13 @@ class Context(Handle):
         scene.commit()
         return scene
 
+    def open_scene(self, path: str | os.PathLike[str]) -> Scene:
+        """Opens a scene file, and the models that it names. Waits while they are read.
+
+        The scene is committed, and can be edited like any other.
+        """
+        return Scene(self._h, os.fsencode(path))
+
     def frame(self, width: int, height: int, *, buffers: Iterable[Buffer] = (),
               targets: Mapping[Buffer, Array] | None = None) -> Frame:
         """Returns a frame, which renders pictures in the background.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes as c
+import os
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, Union
@@ -35,12 +36,21 @@ class Scene(Queries, Clashes, Distances):
     _kind = "Scene"
     _release = lib.oc_scene_release
 
-    def __init__(self, context: Reference) -> None:
-        super().__init__(made(lib.oc_scene_create, context), context)
+    def __init__(self, context: Reference, path: bytes | None = None) -> None:
+        made_by = made(lib.oc_scene_create, context) if path is None else made(lib.oc_scene_open, context, path)
+        super().__init__(made_by, context)
 
     def commit(self) -> None:
         """Makes all edits since the last commit take effect, for all that begins later."""
         lib.oc_scene_commit(self._h)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Saves what the last commit has in a scene file, which `Context.open_scene` opens.
+
+        It names the models by their paths, relative to its own folder. A model that was not opened from a path, and
+        looks of parts or of single occurrences, cannot be saved: StateError, which names them.
+        """
+        lib.oc_scene_save(self._h, os.fsencode(path))
 
     @contextmanager
     def edit(self) -> Iterator[Scene]:

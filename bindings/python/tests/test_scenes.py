@@ -283,3 +283,34 @@ def test_many_looks_from_an_array(context: outcrop.Context, tmp_path: Path) -> N
             scene.set_parts_look(numpy.arange(0, 2000, 2), hidden=True)
         points = numpy.stack([2 * numpy.arange(2000) + 0.1, numpy.full(2000, 0.1), numpy.full(2000, 9.0)], 1)
         assert scene.any(points, DOWN).tolist() == [part % 2 == 1 for part in range(2000)]
+
+
+def test_scene_files(context: outcrop.Context, tetra: outcrop.Model, tmp_path: Path) -> None:
+    places = numpy.zeros(3, outcrop.PLACE)
+    places["position"][:, 0] = 3 * numpy.arange(3)
+    places["rotation"][:, 3] = places["scale"] = 1
+    over = numpy.array([(3 * i + 0.1, 0.1, 9) for i in range(6)])
+    lifted = numpy.eye(4)
+    lifted[0, 3] = 9
+    with context.scene([]) as inner, context.scene([]) as outer:
+        with inner.edit():
+            inner.add_instances(tetra, places, first_id=100)
+        with outer.edit():
+            outer.add_scene(1, inner)
+            outer.add_scene(2, inner, lifted)
+            outer.set_look(2, hidden=True)
+        outer.save(tmp_path / "scene.oc")
+        with context.open_scene(tmp_path / "scene.oc") as opened:
+            hits = [one.closest(over, DOWN) for one in (outer, opened)]
+            assert hits[0].tobytes() == hits[1].tobytes()
+            assert hits[1]["kind"].tolist() == [1, 1, 1, 0, 0, 0]
+            assert opened.path(hits[1][1]["occurrence"])[0] == [1, 101]
+            with opened.edit():
+                opened.set_look(2)
+            assert opened.closest(over, DOWN)["instance"].tolist() == [1, 1, 1, 2, 2, 2]
+        with inner.edit():
+            inner.set_part_look(7, instance=101, hidden=True)
+        with pytest.raises(outcrop.StateError, match="instance 101 has looks of parts"):
+            inner.save(tmp_path / "scene.oc")
+    with pytest.raises(outcrop.InputError, match="a model file, not a scene file"):
+        context.open_scene(tmp_path / "tetra.oc")

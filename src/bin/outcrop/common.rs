@@ -6,6 +6,7 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use outcrop::base::progress::{Cancel, Phase, Progress};
 use outcrop::base::threads;
 use std::fmt;
+use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::Duration;
 
@@ -115,11 +116,17 @@ pub fn progress_bar(total: u64) -> ProgressBar {
 
 /// Shows `progress` in `bar` while `work` runs on this thread.
 pub fn watched<T>(progress: &Progress, bar: &ProgressBar, work: impl FnOnce() -> T) -> T {
+    watched_part(progress, bar, 0..bar.length().unwrap_or(0), work)
+}
+
+/// Shows `progress` in a part of `bar` while `work` runs on this thread.
+pub fn watched_part<T>(progress: &Progress, bar: &ProgressBar, part: Range<u64>, work: impl FnOnce() -> T) -> T {
     let done = AtomicBool::new(false);
     std::thread::scope(|scope| {
         scope.spawn(|| {
             while !done.load(Relaxed) {
-                bar.set_position((progress.fraction() * bar.length().unwrap_or(0) as f64) as u64);
+                let length = part.end.saturating_sub(part.start);
+                bar.set_position(part.start + (progress.fraction() * length as f64) as u64);
                 bar.set_message(match progress.phase() {
                     Phase::Waiting | Phase::Read => "reading",
                     Phase::Build => "building",

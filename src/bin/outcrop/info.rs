@@ -1,17 +1,19 @@
 //! `outcrop info`.
 
-use crate::common::{self, Outcome};
+use crate::common::{self, Failure, Outcome};
+use crate::info_scene;
 use outcrop::base::ids::BlockId;
 use outcrop::build::Structure;
-use outcrop::store::{ModelFile, PartRow};
+use outcrop::store::scene_file::is_scene_file;
+use outcrop::store::{FileSource, ModelFile, PartRow};
 use serde_json::{Value, json};
 use std::path::PathBuf;
 
-/// Show the contents of a model file without reading its geometry
+/// Show the contents of a model file or a scene file without reading all geometry
 #[derive(clap::Args)]
 pub struct Args {
-    /// The model file
-    #[arg(value_name = "MODEL.oc")]
+    /// The model file or the scene file
+    #[arg(value_name = "FILE.oc")]
     model: PathBuf,
     /// List the parts too
     #[arg(long)]
@@ -23,6 +25,12 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args) -> Outcome {
+    if is_scene_file(&FileSource::open(&args.model)?)? {
+        return match args.parts {
+            true => Err(Failure::Usage("--parts requires a model, not a scene".into())),
+            false => info_scene::run(&args.model, args.json),
+        };
+    }
     let file = ModelFile::open_path(&args.model)?;
     let value = as_json(&file, args.parts);
     common::print(args.json, &value, &as_text(&file, args.parts))

@@ -1,25 +1,26 @@
 //! `outcrop render`.
 
 use crate::common::{self, Failure, Outcome};
+use crate::occurrence;
 use crate::output::Destination;
-use crate::view::{self, PartArgs, ViewArgs};
+use crate::view::{PartArgs, Shown, ViewArgs};
 use glam::DVec3;
 use outcrop::base::error::Error;
 use outcrop::base::output::{Medium, OutputFile, OutputStream};
 use outcrop::base::progress::Cancel;
-use outcrop::render::{Buffer, Frame, FrameOptions, FrameSettings, FrameState, FrameStatus, Mapped};
-use outcrop::scene::{Background, Camera, Context, ContextOptions, Light, LightKind, Model, SceneState};
+use outcrop::render::{Buffer, Frame, FrameOptions, FrameSettings, FrameState, FrameStatus, Mapped, Outputs};
+use outcrop::scene::{Background, Camera, Context, ContextOptions, Light, LightKind};
 use serde_json::{Value, json};
 use std::io::Cursor;
 use std::path::PathBuf;
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
-/// Render a picture of a model as a PNG file
+/// Render a picture of a model or a scene as a PNG file
 #[derive(clap::Args)]
 pub struct Args {
-    /// The model file
-    #[arg(value_name = "MODEL.oc")]
+    /// The model file or the scene file
+    #[arg(value_name = "FILE.oc")]
     model: PathBuf,
     /// The picture to write: a regular file or a new one, and not the model. "-": standard output
     #[arg(short, long, value_name = "OUT.png")]
@@ -32,7 +33,8 @@ pub struct Args {
     #[command(flatten)]
     parts: PartArgs,
     /// A light; may be given several times: "head", "sun:X,Y,Z" (shining along X,Y,Z) or "point:X,Y,Z", with
-    /// "*INTENSITY" if that is not 1. Default: a headlight, and a sun over the left shoulder
+    /// "*INTENSITY" if that is not 1. Default: those of the scene; of a model or a scene without lights of its own a
+    /// headlight, and a sun over the left shoulder
     #[arg(long = "light", value_name = "LIGHT", value_parser = light)]
     lights: Vec<Light>,
     /// Render without shadows
@@ -44,7 +46,7 @@ pub struct Args {
     /// Pixels of error: the area, in square pixels, that a stand-in may cover; 0 for exact answers
     #[arg(long, value_name = "P", default_value_t = 0.0, allow_negative_numbers = true)]
     poe: f32,
-    /// Linear colour of the background, instead of a gradient
+    /// Linear colour of the background, instead of that of the scene; that of a model is a gradient
     #[arg(long, value_name = "R,G,B", value_parser = common::point, allow_hyphen_values = true)]
     background: Option<DVec3>,
     /// Factor to the light of surfaces; the background keeps its colour
@@ -74,8 +76,9 @@ pub struct Args {
     /// by part, which takes longer
     #[arg(long)]
     at_once: bool,
-    /// Also print which place of which mesh the picture shows at a pixel, from the upper left corner: its number, its
-    /// part, and the place of its instance
+    /// Also print which place of which mesh the picture shows at a pixel, counted from the upper left corner: its
+    /// number, the ids of the scenes around its instance and that of the instance, its map to the world, its part, and
+    /// whether it is a triangle or a stand-in, with the error
     #[arg(long, value_name = "X,Y", value_parser = pixel)]
     occurrence: Option<(u32, u32)>,
     /// Print one JSON object
@@ -164,23 +167,28 @@ pub fn run(args: &Args) -> Outcome {
     let threads = if args.threads == 0 { defaults.threads } else { args.threads };
     let context = Context::new(ContextOptions { threads, ..defaults })?;
     let begun = Instant::now();
-    let model = Model::open(&context, &args.model)?;
+    let shown = Shown::open(&context, &args.model, &args.parts)?;
     let seconds_open = begun.elapsed().as_secs_f64();
-    let scene = view::alone(&context, &model, &args.parts)?;
-    let camera = args.view.camera(&model, &scene.state(), args.size)?;
-    let mut lights = if args.lights.is_empty() { usual_lights(&camera) } else { args.lights.clone() };
+    let (scene, before) = (&shown.scene, shown.scene.state());
+    let camera = args.view.camera(&shown, args.size)?;
+    let mut lights = match before.lights() {
+        _ if !args.lights.is_empty() => args.lights.clone(),
+        [Light::HEADLIGHT] => usual_lights(&camera),
+        own => own.to_vec(),
+    };
     if args.no_shadows {
         lights.iter_mut().for_each(|l| l.shadows = false);
     }
     let background = match args.background {
         Some(c) => Background::Colour([c.x as f32, c.y as f32, c.z as f32, 1.0]),
-        None => Background::default(),
+        None => before.background(),
     };
     scene.set_lights(lights)?;
     scene.set_background(background)?;
     scene.commit()?;
     let (width, height) = args.size;
-    let frame = Frame::new(&context, FrameOptions { width, height, ..FrameOptions::default() })?;
+    let outputs = if args.occurrence.is_some() { occurrence::OUTPUTS | Outputs::COLOUR } else { Outputs::COLOUR };
+    let frame = Frame::new(&context, FrameOptions { width, height, outputs, ..FrameOptions::default() })?;
     let settings = FrameSettings {
         samples: args.samples,
         poe: args.poe,
@@ -207,6 +215,11 @@ pub fn run(args: &Args) -> Outcome {
         let why = why_coarser(&status);
         return Err(Failure::Frame(format!("the picture does not converge: {why}; no picture is written")));
     }
+    if args.occurrence.is_some() {
+        // No later picture comes between the colours and what is at the pixel.
+        frame.cancel();
+        while frame.wait(Duration::from_secs(1)).state == FrameState::Running {}
+    }
     let picture = frame.map(Buffer::ColourSrgb8)?;
     frame.cancel();
     let seconds_first = first.get().map_or(status.seconds, |first| first.duration_since(asked).as_secs_f64());
@@ -214,27 +227,11 @@ pub fn run(args: &Args) -> Outcome {
     let seconds = [seconds_open, seconds_first];
     let (mut value, mut text) = (as_json(args, &camera, seconds, &status), as_text(args, seconds, &status));
     if let Some(at) = args.occurrence {
-        let (met, line) = occurrence(&frame, &scene.state(), &model, at)?;
+        let (met, line) = occurrence::at_pixel(&frame, &scene.state(), at)?;
         value["occurrence"] = met;
         text = format!("{}\n{line}", text.trim_end());
     }
     to.report(args.json, &value, &text)
-}
-
-/// What a picture shows at a pixel, as JSON and as text.
-fn occurrence(frame: &Frame, state: &SceneState, model: &Model, (x, y): (u32, u32)) -> Result<(Value, String), Error> {
-    let hit = frame.pick(x, y)?;
-    let Some((_, place)) = state.path(hit.occurrence) else { return Ok((Value::Null, format!("{x},{y}: nothing"))) };
-    let part = model.parts().iter().find(|part| part.id == hit.part);
-    let name = part.as_ref().map_or("", |part| part.name);
-    let value = json!({
-        "pixel": [x, y], "number": hit.occurrence, "part": hit.part, "name": name, "prim": hit.prim,
-        "position": hit.position.to_array(), "world_from_model": place.to_cols_array(),
-    });
-    let [px, py, pz] = hit.position.to_array();
-    let text =
-        format!("{x},{y}: occurrence {}, part {} {name:?}, at {px:.6} {py:.6} {pz:.6}", hit.occurrence, hit.part);
-    Ok((value, text))
 }
 
 /// Returns the reason why a picture is coarser than requested. The missing bytes are known only for the threshold that

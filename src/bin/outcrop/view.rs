@@ -1,11 +1,14 @@
-//! Arguments that choose a camera, and a scene with one model.
+//! Arguments that choose a camera, and what a command shows: a model, or the scene of a scene file.
 
 use crate::common::{self, Failure};
 use glam::{DAffine3, DVec3};
 use outcrop::Error;
 use outcrop::import::{UpAxis, generate};
 use outcrop::scene::camera::{FOV_Y as PRESET_FOV_Y, default_directions};
-use outcrop::scene::{Camera, Context, Fit, Lens, Look, MARGIN, Model, NamedView, Scene, SceneState, Scope};
+use outcrop::scene::{Camera, Context, Fit, Lens, Look, MARGIN, Model, NamedView, Scene, Scope};
+use outcrop::store::FileSource;
+use outcrop::store::scene_file::is_scene_file;
+use std::path::Path;
 
 /// Arguments of the camera.
 #[derive(clap::Args)]
@@ -31,8 +34,8 @@ pub struct ViewArgs {
     /// The point that the camera looks at
     #[arg(long, value_name = "X,Y,Z", value_parser = common::point, requires = "eye", allow_hyphen_values = true)]
     at: Option<DVec3>,
-    /// Upward direction: x, y or z, or with --eye any direction. Default: the up axis of the model, or z if it has none
-    /// (scans often have none; `outcrop build --up` sets it)
+    /// Upward direction: x, y or z, or with --eye any direction. Default: the up axis of the models, or z if they have
+    /// none (scans often have none; `outcrop build --up` sets it)
     #[arg(long, value_name = "AXIS or X,Y,Z", value_parser = upward, allow_hyphen_values = true)]
     up: Option<Up>,
     /// Vertical angle of view in degrees
@@ -149,8 +152,8 @@ pub fn four(model: &Model, generator: Option<&str>) -> [Camera; 4] {
 }
 
 impl ViewArgs {
-    /// Returns the camera for the arguments, for a picture of a scene with the model.
-    pub fn camera(&self, model: &Model, scene: &SceneState, size: (u32, u32)) -> Result<Camera, Failure> {
+    /// Returns the camera for the arguments, for a picture of a size.
+    pub fn camera(&self, shown: &Shown, size: (u32, u32)) -> Result<Camera, Failure> {
         let axis = match self.up {
             Some(Up::Axis(axis)) => axis,
             Some(Up::Direction(_)) if self.eye.is_none() => {
@@ -158,7 +161,7 @@ impl ViewArgs {
                     "--up X,Y,Z requires --eye and --at; without them --up must be x, y or z".into(),
                 ));
             }
-            _ => model.info().up,
+            _ => shown.up(),
         };
         let up = match (self.up, axis) {
             (Some(Up::Direction(up)), _) => up,
@@ -166,7 +169,7 @@ impl ViewArgs {
             (_, UpAxis::Y) => DVec3::Y,
             (_, UpAxis::Z | UpAxis::Unknown) => DVec3::Z,
         };
-        let preset = self.preset(model, scene, axis, size)?;
+        let preset = self.preset(shown, axis, size)?;
         let (eye, at, up, fov) = match (self.eye, self.at, preset) {
             (Some(eye), Some(at), _) => (eye, at, up, FOV_Y),
             (_, _, Camera::Perspective { eye, at, up, fov_y_degrees }) => (eye, at, up, fov_y_degrees),
@@ -185,11 +188,14 @@ impl ViewArgs {
 
 impl ViewArgs {
     /// Returns the camera that `--view` names, before the other arguments change it.
-    fn preset(&self, model: &Model, scene: &SceneState, axis: UpAxis, size: (u32, u32)) -> Result<Camera, Failure> {
+    fn preset(&self, shown: &Shown, axis: UpAxis, size: (u32, u32)) -> Result<Camera, Failure> {
         let (direction, up) = match (self.view, self.views.as_deref()) {
-            (View::Number(number), Some(of)) => return Ok(four(model, Some(of))[usize::from(number)]),
+            (View::Number(number), Some(of)) => match &shown.model {
+                Some(model) => return Ok(four(model, Some(of))[usize::from(number)]),
+                None => return Err(Failure::Usage("--views requires a model, not a scene".into())),
+            },
             (View::Named(_), Some(_)) => return Err(Failure::Usage("--views requires --view 0, 1, 2 or 3".into())),
-            (View::Number(number @ 2..), None) => return Ok(model.views_with(axis)[usize::from(number)]),
+            (View::Number(number @ 2..), None) => return Ok(shown.views(axis)[usize::from(number)]),
             (View::Number(number), None) => {
                 (-default_directions(axis)[usize::from(number)], NamedView::Front.directions(axis).1)
             }
@@ -200,11 +206,42 @@ impl ViewArgs {
             None => Lens::Perspective(self.fov.unwrap_or(PRESET_FOV_Y)),
         };
         let fit = Fit { direction, up, lens, size, margin: MARGIN };
-        match scene.fit(&fit, &[], Scope::Own) {
+        match shown.scene.state().fit(&fit, &[], Scope::Own) {
             // Nothing is visible from anywhere.
-            Err(Error::BadState(_)) => Ok(model.views_with(axis)[0]),
+            Err(Error::BadState(_)) => Ok(shown.views(axis)[0]),
             camera => Ok(camera?),
         }
+    }
+}
+
+/// What a command shows.
+pub struct Shown {
+    /// The only model, if the file is that of a model.
+    pub model: Option<Model>,
+    /// The committed scene.
+    pub scene: Scene,
+}
+
+impl Shown {
+    /// Opens a model file or a scene file.
+    pub fn open(context: &Context, path: &Path, parts: &PartArgs) -> Result<Self, Failure> {
+        if !is_scene_file(&FileSource::open(path)?)? {
+            let model = Model::open(context, path)?;
+            let scene = alone(context, &model, parts)?;
+            return Ok(Self { model: Some(model), scene });
+        }
+        if !(parts.only.is_empty() && parts.hide.is_empty()) {
+            return Err(Failure::Usage("--only and --hide require a model, not a scene".into()));
+        }
+        Ok(Self { model: None, scene: Scene::open(context, path)? })
+    }
+
+    fn up(&self) -> UpAxis {
+        self.model.as_ref().map_or_else(|| self.scene.state().up(), |model| model.info().up)
+    }
+
+    fn views(&self, up: UpAxis) -> [Camera; 4] {
+        self.model.as_ref().map_or_else(|| self.scene.state().views_with(up), |model| model.views_with(up))
     }
 }
 

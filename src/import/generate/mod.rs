@@ -8,9 +8,11 @@
 //!
 //! The same name, size and seed give the same triangles in the same order at any number of threads. The documentation
 //! of each module has its formulas. [`views()`] returns four views of each model of [`NAMES_WITH_VIEWS`].
+//! [`Forest`] places plants.
 #![forbid(unsafe_code)]
 
 mod airliner;
+mod forest;
 mod mandelbulb;
 mod plant;
 mod ply_writer;
@@ -18,8 +20,10 @@ mod rng;
 mod target;
 #[cfg(test)]
 mod tests;
+mod turn;
 mod views;
 
+pub use forest::{Forest, ForestOptions, Tree};
 use ply_writer::write_ply;
 pub use views::views;
 

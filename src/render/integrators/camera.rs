@@ -5,7 +5,8 @@ use super::direct::{Direct, Pixels, Scratch};
 use super::rays::CameraPacket;
 use crate::math::{BUNDLE, PACKET, bits};
 use crate::scene::beam::Beam;
-use crate::scene::group::{CameraTree, Entered};
+use crate::scene::entered::{Entered, EnteredTree};
+use crate::scene::group::CameraTree;
 use crate::scene::walk::{Need, Step};
 use crate::structure::Bundle;
 use glam::Vec3;
@@ -18,7 +19,7 @@ pub(super) struct Begun {
     /// Mask of the packets that were begun, and the placed tree of each.
     begun: u32,
     placed: [u64; BUNDLE],
-    entered: Vec<Entered>,
+    entered: Entered,
 }
 
 /// Rays of a packet that hit something.
@@ -47,14 +48,14 @@ enum Enters<'a> {
 
 impl<'v> Direct<'v> {
     /// Determines the placed trees that a packet's rays may enter.
-    fn enter(&self, rays: &CameraPacket, entered: &mut Vec<Entered>) -> Enters<'v> {
+    fn enter(&self, rays: &CameraPacket, entered: &mut Entered) -> Enters<'v> {
         let (origins, dirs) = rays.extremes(self.isa());
         let beam = Beam::from_points(origins, dirs, 0.0, u32::MAX);
         let is_few = self.view.entered(&beam, rays.widest(), f64::INFINITY, entered);
-        match entered[..] {
+        match entered.trees[..] {
             [] if is_few => Enters::None,
             // Rays with an origin farther away must be moved nearer.
-            [Entered { placed, .. }] if is_few && self.is_near(placed, rays) => {
+            [EnteredTree { placed, .. }] if is_few && self.is_near(placed, rays) => {
                 Enters::One(CameraTree::of(&self.view, placed))
             }
             _ => Enters::Others,

@@ -2,8 +2,8 @@
 //! [`super::species`] make the difference.
 
 use super::super::rng::Rng;
+use super::super::turn::sin_cos;
 use super::species::{Branching, Leaf, Phyllotaxis, Species};
-use super::turn::sin_cos;
 use glam::DVec3;
 
 /// Number of triangles at which the numbers of the table hold.

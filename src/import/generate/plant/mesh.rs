@@ -1,9 +1,9 @@
 //! Surfaces of a plant: closed tubes around stems, and leaves folded along the middle.
 
 use super::super::rng::Rng;
+use super::super::turn::sin_cos;
 use super::grow::{Joint, Plant, Stem, across, level_across};
 use super::species::Leaf;
-use super::turn::sin_cos;
 use glam::DVec3;
 
 /// Parts of a plant, in the order in which they are written.

@@ -18,15 +18,14 @@
 //! **Count.** More triangles make more branches, and tubes of more sides; leaves become more and smaller. They take
 //! what the stems leave over, so that the target is missed by at most one leaf, or one twig of a dead tree.
 //!
-//! **Same everywhere.** Besides +, −, ·, / and square roots there are only the functions of [`turn`], so that a plant
-//! has the same bits on every machine. Each stem has random numbers of its own.
+//! **Same everywhere.** Besides +, −, ·, / and square roots there are only the functions of [`turn`](super::turn), so
+//! that a plant has the same bits on every machine. Each stem has random numbers of its own.
 
 mod grow;
 mod mesh;
 mod species;
 #[cfg(test)]
 mod tests;
-mod turn;
 
 use super::rng::Rng;
 use super::{GenerateOptions, Target};
