@@ -1886,8 +1886,9 @@ typedef struct oc_place {
  * - `part`: the part with the largest visible area, over all directions.
  * - `uv`, `prim`: as for a miss.
  *
- * A cell with wires, leaves or the like is a partly open stand-in: it transmits the same share of rays as its content
- * does (see `t_free`).
+ * A cell may hold several instances: `part`, `instance` and `occurrence` are then those of the one with the largest
+ * visible area. A cell with wires, leaves or the like is a partly open stand-in: it transmits the same share of rays
+ * as its content does (see `t_free`).
  */
 #define OC_HIT_LOD 2
 

@@ -53,8 +53,9 @@ pub const OC_HIT_EXACT: oc_hit_kind = 1;
 /// - `part`: the part with the largest visible area, over all directions.
 /// - `uv`, `prim`: as for a miss.
 ///
-/// A cell with wires, leaves or the like is a partly open stand-in: it transmits the same share of rays as its content
-/// does (see `t_free`).
+/// A cell may hold several instances: `part`, `instance` and `occurrence` are then those of the one with the largest
+/// visible area. A cell with wires, leaves or the like is a partly open stand-in: it transmits the same share of rays
+/// as its content does (see `t_free`).
 pub const OC_HIT_LOD: oc_hit_kind = 2;
 /// Hit on a stand-in that is coarser than required, because the data below it is not in memory. Only frames and
 /// OC_QUERY_NOW return it. Members as for OC_HIT_LOD.

@@ -24,6 +24,7 @@ pub mod model;
 mod occurrence;
 mod open;
 mod part_check;
+mod parts;
 pub(crate) mod placed;
 pub(crate) mod placement;
 mod refit;
@@ -51,7 +52,8 @@ pub use edit::{Scene, Scope};
 pub use fit::{Chosen, Fit, Lens, MARGIN, NamedView};
 pub(crate) use group::Group;
 pub use light::{Background, Light, LightKind};
-pub use model::{Model, ModelInfo, ModelMemory, ModelParts, PartInfo};
+pub use model::{Model, ModelInfo, ModelMemory};
+pub use parts::{ModelParts, PartInfo};
 
 pub use looks::Look;
 pub(crate) use looks::blocks_with;

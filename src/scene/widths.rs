@@ -49,8 +49,8 @@ impl Width {
     }
 }
 
-/// The least width of rays for which a cell in a box may stand in. (The sum of the areas of a box's faces, each times the
-/// component of a unit direction across it, is at least the smallest area.)
+/// The least width of rays for which a cell in a box may stand in. (The sum of the areas of a box's faces, each times
+/// the component of a unit direction across it, is at least the smallest area.)
 pub(super) fn least_width(b: &DBounds) -> f64 {
     let e = b.extent();
     let area = (e.x * e.y).min(e.y * e.z).min(e.z * e.x);

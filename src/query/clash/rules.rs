@@ -1,7 +1,7 @@
 //! Rules for pairs of parts that are not compared.
 
+use crate::scene::PartInfo;
 use crate::scene::SceneState;
-use crate::scene::model::PartInfo;
 use std::collections::HashSet;
 
 /// Pairs of parts that are not compared.

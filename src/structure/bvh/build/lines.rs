@@ -39,7 +39,7 @@ const LONG: f32 = 32.0;
 /// The size is at least this fraction of the diagonal; below that, rounding matters.
 const LEAST: f32 = 1.0 / 16384.0;
 
-type Row = [f32; GROUP];
+pub type Row = [f32; GROUP];
 
 /// The nearest and the farthest of the triangles that each line hits: distance and number.
 pub struct Ends([[[(f32, u32); 2]; GROUP]; GROUPS]);
@@ -417,10 +417,10 @@ impl Lines {
         (Vec3::new(dir[0][i], dir[1][i], dir[2][i]), self.weight[group][i])
     }
 
-    /// Returns a point on line `i`.
-    pub fn origin(&self, i: usize) -> Vec3 {
-        let (org, i) = (&self.org[i / GROUP], i % GROUP);
-        Vec3::new(org[0][i], org[1][i], org[2][i])
+    /// Returns a point on each line of a group, the directions, and the weights.
+    #[inline(always)]
+    pub fn group(&self, group: usize) -> ([Row; 3], &[Row; 3], &Row) {
+        (self.org[group], &self.dir[group], &self.weight[group])
     }
 
     /// Returns line `i` as a single line, its interval lengthened by `near` at both ends.
