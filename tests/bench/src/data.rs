@@ -177,6 +177,9 @@ pub struct Benchmark {
     /// Points of each kind, for `measure = "nearest"`.
     #[serde(default)]
     pub points: usize,
+    /// Instances of the model, for `measure = "many"`.
+    #[serde(default)]
+    pub instances: usize,
     /// Gaps along x between the boxes of two instances, in diagonals of the model, for `measure = "distance"`.
     #[serde(default)]
     pub gaps: Vec<f64>,
@@ -213,6 +216,8 @@ pub enum Measure {
     Nearest,
     /// CPU time of finding the distance of two instances, in one thread.
     Distance,
+    /// CPU time of commits of many instances of a model, and of rays in three views of them, in one thread.
+    Many,
 }
 
 /// What is traced.
@@ -438,7 +443,8 @@ impl Benchmark {
         if width == 0 || height == 0 || width % TILE != 0 || height % TILE != 0 {
             return fault(format!("a picture's sides are multiples of {TILE}"));
         }
-        let lacks_rays = self.cases().is_empty() || self.poe.first() != Some(&0.0);
+        let is_exact_first = self.poe.first() == Some(&0.0);
+        let lacks_rays = self.cases().is_empty() || !is_exact_first;
         match self.measure {
             Measure::Trace if lacks_rays => {
                 fault("tracing takes structures, residency, views, rays and PoE, 0 first".into())
@@ -466,6 +472,14 @@ impl Benchmark {
             }
             Measure::Distance if self.structures.len() != 1 || self.gaps.is_empty() || self.threads != [1] => {
                 fault("distances take one structure, one thread, and gaps".into())
+            }
+            Measure::Many
+                if self.structures.len() != 1 || self.instances == 0 || self.threads != [1] || !is_exact_first =>
+            {
+                fault("many instances take one structure, one thread, a number of instances, and PoE, 0 first".into())
+            }
+            Measure::Many if !self.peers.iter().all(|peer| PLACING_PEERS.contains(&peer.as_str())) => {
+                fault(format!("many instances are measured beside {}", PLACING_PEERS.join(", ")))
             }
             Measure::Decode if self.structures.is_empty() || self.threads != [1] => {
                 fault("decoding takes structures and one thread".into())
@@ -559,6 +573,8 @@ mod tests {
         assert!(wrong("name = 'b'", "name = 'b'\npeer = 'x'").contains("peer"));
         assert!(wrong("'trace'", "'nearest'").contains("and points"));
         assert!(wrong("'trace'", "'distance'").contains("and gaps"));
+        assert!(wrong("'trace'", "'many'").contains("a number of instances"));
+        assert!(wrong("'trace'", "'many'\ninstances = 9\npeers = ['obvhs']").contains("beside embree"));
         let twice = SCENE.replace("triangles", "also_at = [[9, 0, 0]]\ntriangles");
         let many = |trace: &str| Data::parse(&format!("{STRUCTURE}{twice}{trace}"));
         assert!(many(&TRACE.replace("'all', '64M'", "'all'")).expect("all in memory").scenes[0].has_many_trees());

@@ -16,6 +16,7 @@ mod everyday;
 mod expected;
 mod failure;
 mod looks;
+mod many;
 mod nearest;
 mod ours;
 mod pairs;
@@ -168,12 +169,14 @@ fn run(is_only_expecting: bool, clock: Clock, picks: impl Fn(&Benchmark, &str) -
                 Measure::Clash => clash::measure(&mut task)?,
                 Measure::Nearest => nearest::measure(&mut task)?,
                 Measure::Distance => nearest::apart::measure(&mut task)?,
+                Measure::Many => many::measure(&mut task)?,
             };
             record::append(&record::path(), &records)?;
             all.extend(records);
         }
     }
-    print!("{}{}{}", settings::table(&all), clash::table(&all), nearest::table(&all));
+    let tables = [settings::table(&all), clash::table(&all), nearest::table(&all), many::table(&all)];
+    print!("{}", tables.concat());
     if found == 0 {
         return Err(Failure::new("no such benchmark or scene"));
     }

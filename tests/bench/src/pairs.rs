@@ -29,6 +29,8 @@ pub enum Clock {
     /// CPU time of the calling thread, for runs of one thread on a busy machine: the time of other programs is not in
     /// it.
     Thread,
+    /// CPU time of all threads of this program.
+    Process,
 }
 
 impl Clock {
@@ -37,13 +39,14 @@ impl Clock {
         let time = clock_gettime(match self {
             Clock::Wall => ClockId::Monotonic,
             Clock::Thread => ClockId::ThreadCPUTime,
+            Clock::Process => ClockId::ProcessCPUTime,
         });
         time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64
     }
 
     /// What the records of its times say.
     pub fn remark(self) -> &'static str {
-        if self == Clock::Thread { ", CPU time" } else { "" }
+        if self == Clock::Wall { "" } else { ", CPU time" }
     }
 }
 
@@ -119,6 +122,18 @@ mod tests {
         std::thread::sleep(std::time::Duration::from_millis(20));
         let [wall, thread] = [Clock::Wall.now() - begun[0], Clock::Thread.now() - begun[1]];
         assert!(wall >= 0.02 && (0.0..wall).contains(&thread), "{wall} {thread}");
+    }
+
+    #[test]
+    fn the_time_of_other_threads_is_in_that_of_the_program() {
+        let begun = [Clock::Process, Clock::Thread].map(Clock::now);
+        let busy = || {
+            let begun = Clock::Thread.now();
+            while Clock::Thread.now() - begun < 0.02 {}
+        };
+        std::thread::spawn(busy).join().expect("it ends");
+        let [process, thread] = [Clock::Process.now() - begun[0], Clock::Thread.now() - begun[1]];
+        assert!(process >= 0.02 && thread < process, "{process} {thread}");
     }
 
     #[test]

@@ -42,6 +42,16 @@ impl Batch {
         Ok(Self { kind, rays: rays.collect() })
     }
 
+    /// Rays to a sun from where primary rays hit; as wide as their pixels all along.
+    pub fn to_sun(primary: &[Ray], hits: &[Hit], sun: Vec3) -> Self {
+        let seen = primary.iter().zip(hits).filter(|(_, hit)| hit.kind != HitKind::Miss);
+        let rays = seen.map(|(ray, hit)| {
+            let cone = Cone { a: ray.cone.a + ray.cone.b * hit.t as f32, b: 0.0 };
+            Ray { cone, ..Ray::new(above(hit), sun) }
+        });
+        Self { kind: RayKind::Shadow, rays: rays.collect() }
+    }
+
     /// Whether any hit will do.
     pub fn is_any(&self) -> bool {
         self.kind == RayKind::Shadow

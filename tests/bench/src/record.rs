@@ -53,6 +53,7 @@ pub enum Outcomes {
     Settings(Setting),
     Clash(Clashed),
     Nearest(Near),
+    Many(Box<Many>),
 }
 
 /// Time of tracing rays, or of a picture.
@@ -272,6 +273,41 @@ pub struct Near {
     pub worst: f64,
     /// Distances that are off by more than a millionth of the diagonal.
     pub wrong: usize,
+}
+
+/// A commit of a scene of many instances, or rays in it.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Many {
+    /// A structure of outcrop, or a peer.
+    pub side: String,
+    pub is_peer: bool,
+    /// The peer's version, quality and way of asking.
+    pub call: String,
+    /// An edit that is committed, or the view and the kind of rays.
+    pub asked: String,
+    pub poe: f32,
+    pub instances: usize,
+    /// Rays; of commits 0.
+    pub count: usize,
+    /// Of all rays, or of a commit with its edits.
+    pub seconds: Spread,
+    /// What it was paired with (exact rays), and how many times as fast it is.
+    pub against: Option<Against>,
+    /// The median over that of adding and committing all instances, of the same side.
+    pub of_commit: Option<f64>,
+    /// Bytes an instance: counted by the side itself, and by which the program's resident memory grew.
+    pub bytes: Option<[f64; 2]>,
+    /// Rays that end elsewhere than exact ones of outcrop: they hit only in one of both, or farther or nearer by more
+    /// than a ten thousandth.
+    pub differ: Option<usize>,
+    /// Hits that were stand-ins; any hits do not say what they are.
+    pub stand_ins: Option<usize>,
+    /// Root of the mean square of the difference of `t` from that of the exact hit, over that, of rays that hit in both.
+    pub rms: Option<f64>,
+    /// Mean error that stand-ins state, in widths of a ray that covers a pixel.
+    pub stated: Option<f64>,
+    /// Against exact answers of outcrop.
+    pub accuracy: Option<Accuracy>,
 }
 
 /// Behind a commit that is not all of what was measured.

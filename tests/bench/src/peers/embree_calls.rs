@@ -2,7 +2,10 @@
 //! in this package is here and in `embree_calls/`. The library is opened when it is asked for, so that nothing but its
 //! measurements needs it.
 
+mod instances;
 mod points;
+
+pub use instances::resident;
 
 use crate::placed::{Place, Placed};
 use crate::scenes::Mesh;
@@ -165,6 +168,7 @@ calls! {
     release_geometry, b"rtcReleaseGeometry\0", unsafe extern "C" fn(Handle);
     set_instanced_scene, b"rtcSetGeometryInstancedScene\0", unsafe extern "C" fn(Handle, Handle);
     set_transform, b"rtcSetGeometryTransform\0", unsafe extern "C" fn(Handle, c_uint, c_int, *const c_void);
+    get_geometry, b"rtcGetGeometry\0", unsafe extern "C" fn(Handle, c_uint) -> Handle;
     set_primitives, b"rtcSetGeometryUserPrimitiveCount\0", unsafe extern "C" fn(Handle, c_uint);
     set_user_data, b"rtcSetGeometryUserData\0", unsafe extern "C" fn(Handle, *mut c_void);
     set_bounds, b"rtcSetGeometryBoundsFunction\0", unsafe extern "C" fn(Handle, Bounder, *mut c_void);
@@ -249,8 +253,15 @@ impl Scene {
 
     /// Builds a scene of two levels; instances are numbered as the places are.
     pub fn of_placed(placed: &Placed, options: Options) -> Result<Self, String> {
+        let scene = Self::of_meshes(&placed.meshes, options)?;
+        scene.commit_places(&placed.places, options);
+        scene.checked()
+    }
+
+    /// Builds the lower level of a scene of two levels. The upper one has no instances yet.
+    pub fn of_meshes(meshes: &[Arc<Mesh>], options: Options) -> Result<Self, String> {
         let mut scene = Self::empty(options)?;
-        for mesh in &placed.meshes {
+        for mesh in meshes {
             scene.shared.push(Buffers::of(mesh));
             // SAFETY: a live device.
             scene.below.push(unsafe { (scene.calls.new_scene)(scene.device) });
@@ -258,7 +269,6 @@ impl Scene {
         for (&below, buffers) in scene.below.iter().zip(&scene.shared) {
             scene.commit_mesh(below, buffers, options);
         }
-        scene.commit_places(&placed.places, options);
         scene.checked()
     }
 
@@ -313,23 +323,33 @@ impl Scene {
 
     fn commit_places(&self, places: &[Place], options: Options) {
         const INSTANCE: c_int = 121;
-        const FLOAT3X4_COLUMN_MAJOR: c_int = 0x9234;
         let c = self.calls;
         self.set(self.scene, options);
         for Place { mesh, world_from_mesh } in places {
-            let columns = DAffine3::to_cols_array(world_from_mesh).map(|x| x as f32);
-            // SAFETY: live handles; Embree copies the twelve numbers of the transform.
+            // SAFETY: live handles.
+            let geometry = unsafe { (c.new_geometry)(self.device, INSTANCE) };
+            // SAFETY: live handles.
+            unsafe { (c.set_instanced_scene)(geometry, self.below[*mesh]) };
+            self.set_place(geometry, world_from_mesh);
+            // SAFETY: live handles; the scene holds the geometry from here on.
             unsafe {
-                let geometry = (c.new_geometry)(self.device, INSTANCE);
-                (c.set_instanced_scene)(geometry, self.below[*mesh]);
-                (c.set_transform)(geometry, 0, FLOAT3X4_COLUMN_MAJOR, columns.as_ptr().cast());
-                (c.commit_geometry)(geometry);
                 (c.attach_geometry)(self.scene, geometry);
                 (c.release_geometry)(geometry);
             }
         }
         // SAFETY: a live scene, all of whose geometries are committed.
         unsafe { (c.commit_scene)(self.scene) };
+    }
+
+    /// Places an instance of this device, and commits it.
+    fn set_place(&self, geometry: Handle, world_from_mesh: &DAffine3) {
+        const FLOAT3X4_COLUMN_MAJOR: c_int = 0x9234;
+        let columns = world_from_mesh.to_cols_array().map(|x| x as f32);
+        // SAFETY: a live handle; Embree copies the twelve numbers of the transform.
+        unsafe {
+            (self.calls.set_transform)(geometry, 0, FLOAT3X4_COLUMN_MAJOR, columns.as_ptr().cast());
+            (self.calls.commit_geometry)(geometry);
+        }
     }
 
     /// Quality and flags of a scene.
