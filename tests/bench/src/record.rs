@@ -302,7 +302,7 @@ pub struct Many {
     pub differ: Option<usize>,
     /// Hits that were stand-ins; any hits do not say what they are.
     pub stand_ins: Option<usize>,
-    /// Root of the mean square of the difference of `t` from that of the exact hit, over that, of rays that hit in both.
+    /// Root of the mean square of the difference of `t` from that of the exact hit, over that, if both hit.
     pub rms: Option<f64>,
     /// Mean error that stand-ins state, in widths of a ray that covers a pixel.
     pub stated: Option<f64>,
