@@ -186,6 +186,6 @@ fn bad_options_of_forests_are_refused() {
     fails(dir, &["generate", "plant", "--species", "0", "--trees", "5", "p.ply"], 2, "--trees: only a forest has it");
     fails(dir, &["generate", "airliner", "--spacing", "5", "p.ply"], 2, "--spacing: only a forest has it");
     fs::write(dir.join("h.plants"), "in the way").unwrap();
-    fails(dir, &["generate", "forest", "h.oc", "--trees", "100"], 1, "h.plants");
+    fails(dir, &["generate", "forest", "h.oc", "--trees", "100"], 2, "h.plants is there already");
     assert_eq!(names(dir), ["h.plants"]);
 }
