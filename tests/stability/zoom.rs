@@ -20,7 +20,7 @@ use crate::common::built::{self, Built, Part};
 use crate::common::popping::{self, Shown};
 use crate::common::rng::Rng;
 use crate::common::scenes;
-use glam::{DAffine3, DQuat, DVec3};
+use glam::DVec3;
 use outcrop::base::progress::Cancel;
 use outcrop::import::MaterialDesc;
 use outcrop::import::generate::{GenerateOptions, generate};
@@ -32,14 +32,8 @@ const POE: [f32; 4] = [0.5, 1.0, 3.0, 10.0];
 
 /// Zooms from `camera(0)` to `camera(1)`.
 fn check(name: &str, file: &Built, camera: impl Fn(f64) -> Camera) {
-    check_placed(name, file, &[DAffine3::IDENTITY], camera);
-}
-
-/// [`check`] of a model in several places.
-fn check_placed(name: &str, file: &Built, places: &[DAffine3], camera: impl Fn(f64) -> Camera) {
     let lights = vec![Light { intensity: 0.3, ..Light::HEADLIGHT }, sun(DVec3::new(-1.0, 2.0, -2.0))];
-    let setting = Setting { lights, ambient: 0.1, size: SIZE, ..Setting::default() };
-    let stage = Stage::placed(&file.path, places, setting);
+    let stage = Stage::new(&file.path, Setting { lights, ambient: 0.1, size: SIZE, ..Setting::default() });
     let (mut pops, mut stand_ins) = ([0; POE.len()], [0; POE.len()]);
     // The exact picture, and those at each pixels of error.
     let mut last: Option<(Picture, [Picture; POE.len()])> = None;
@@ -105,25 +99,4 @@ fn onto_wires() {
     let file = built::parts(&[Part::white(1, scenes::wire_forest(500, 24, 4))]);
     let middle = DVec3::Z * 2.0;
     check("wires", &file, |s| perspective(middle + DVec3::new(3.0, -20.0, 5.0) * (2.0 - 1.3 * s), middle));
-}
-
-/// Over a thousand instances on a plain, through four octaves: groups of them give way to single ones.
-#[test]
-fn onto_instances() {
-    let mut rng = Rng::new(23);
-    let coloured =
-        |id: u64, colour: [f32; 3], tris| Part { id, material: MaterialDesc { colour, ..built::WHITE }, tris };
-    let crown = scenes::bumpy_sphere(12, 18, 3).into_iter().map(|tri| tri.map(|v| scenes::rounded(v * 0.5)));
-    let foot = scenes::cuboid(DVec3::new(-0.2, -0.2, -0.75), DVec3::new(0.2, 0.2, -0.375));
-    let file = built::parts(&[coloured(1, [0.2, 0.6, 0.1], crown.collect()), coloured(2, [0.5, 0.3, 0.2], foot)]);
-    let places: Vec<DAffine3> = (0..1024)
-        .map(|i| {
-            let at = DVec3::new(f64::from(i % 32), f64::from(i / 32), 0.0) * 1.4 - DVec3::new(22.0, 22.0, 0.0);
-            let by = DVec3::new(rng.between(-0.3, 0.3), rng.between(-0.3, 0.3), 0.0);
-            let (turn, size) = (DQuat::from_rotation_z(rng.between(0.0, 6.0)), DVec3::splat(rng.between(0.7, 1.2)));
-            DAffine3::from_scale_rotation_translation(size, turn, at + by)
-        })
-        .collect();
-    let toward = DVec3::new(0.4, -1.0, 0.5) * 14.0;
-    check_placed("instances", &file, &places, |s| perspective(toward * 16f64.powf(1.0 - s), DVec3::ZERO));
 }
