@@ -21,7 +21,7 @@ use glam::DMat3;
 use std::sync::{Arc, OnceLock};
 
 /// Greatest number of levels of scenes in scenes: functions that follow them call themselves.
-const MOST_LEVELS: u32 = 64;
+pub(super) const MOST_LEVELS: u32 = 64;
 
 /// Bytes of the entries of a scene in the maps of the draft, which may be half empty.
 const INDEX: usize = 64;

@@ -64,22 +64,7 @@ impl InnerScenes {
             PlacedSceneArray { prototypes, ..it.clone() }
         };
         let arrays = placed.scene_arrays.iter().map(array).collect();
-        Placement {
-            singles: Arc::clone(&placed.singles),
-            firsts: Arc::clone(&placed.firsts),
-            arrays: placed.arrays.clone(),
-            scenes: Arc::new(singles),
-            scene_arrays: Arc::new(arrays),
-            own: placed.own,
-            count: placed.count,
-            top: Arc::clone(&placed.top),
-            looked: Arc::clone(&placed.looked),
-            bounds: placed.bounds.clone(),
-            position_error: placed.position_error,
-            factors: placed.factors.clone(),
-            memory: Arc::clone(&placed.memory),
-            changed: Arc::clone(&placed.changed),
-        }
+        Placement { scenes: Arc::new(singles), scene_arrays: Arc::new(arrays), ..placed.clone() }
     }
 
     /// Number of the members that they make of a top tree.

@@ -59,6 +59,13 @@ impl Groups {
     }
 }
 
+impl Groups {
+    /// Bytes of memory of what differs from the top tree of the placement.
+    pub fn bytes(&self) -> u64 {
+        self.top.as_ref().map_or(0, |top| top.changed_bytes()) + size_of_val(&self.own[..]) as u64
+    }
+}
+
 impl SceneState {
     /// The top tree, in which the cells above members with looks of their own do not stand in.
     #[inline]

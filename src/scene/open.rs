@@ -2,6 +2,7 @@
 //! file has, references to later scenes, and ids that collide are refused first.
 
 use super::array::{Array, Instances, Place, Prototypes, Transforms};
+use super::commit::MOST_LEVELS;
 use super::context::Context;
 use super::draft::{Draft, DraftArray, DraftScene, DraftState, Draftee, OWN};
 use super::edit::{Scene, check_look};
@@ -29,9 +30,6 @@ use std::sync::Arc;
 
 /// The memory of a file's tables, for messages.
 const WHAT: &str = "the tables of a scene file";
-
-/// Greatest number of levels of scenes in scenes, as for a commit.
-const MOST_LEVELS: u32 = 64;
 
 /// Bytes of memory of a scene that nothing else counts: its objects, and the room for its first instances.
 const SCENE: u64 =

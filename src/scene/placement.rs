@@ -22,6 +22,7 @@ use std::sync::{Arc, OnceLock};
 ///
 /// The members of the top tree are the placed trees of single instances and of arrays, by the same numbers, then the
 /// scenes in this one, and then the members of arrays of scenes.
+#[derive(Clone)]
 pub(crate) struct Placement {
     /// Those of single instances.
     pub(super) singles: Arc<Vec<Placed>>,

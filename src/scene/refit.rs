@@ -26,17 +26,10 @@ impl Scene {
         shifted.sort_unstable();
         shifted.dedup();
         let mut after = Placement {
-            singles: Arc::clone(&before.singles),
-            firsts: Arc::clone(&before.firsts),
-            arrays: before.arrays.clone(),
-            scenes: Arc::clone(&before.scenes),
-            scene_arrays: Arc::clone(&before.scene_arrays),
-            own: before.own,
-            count: before.count,
-            position_error: before.position_error,
-            memory: Arc::clone(&before.memory),
-            looked: Arc::clone(&before.looked),
-            ..Placement::default()
+            bounds: OnceLock::new(),
+            factors: OnceLock::new(),
+            changed: Arc::default(),
+            ..Placement::clone(before)
         };
         let mut moves = Vec::with_capacity(shifted.len());
         let mut bounds = before.bounds.get().copied().filter(|_| before.has_no_scenes());

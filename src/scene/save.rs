@@ -4,18 +4,16 @@ use super::array::{Array, Transforms};
 use super::edit::Scene;
 use super::given::Given1;
 use super::light::{Background, Light, LightKind};
-use super::looks::Look;
 use super::model::Model;
-use super::placement::Holder;
-use super::state::{InstanceState, SceneState};
+use super::state::SceneState;
 use crate::base::bytes::PutBytes;
 use crate::base::error::{Error, Result};
 use crate::base::inputs::{Identity, Inputs};
 use crate::base::inside_read::refuse_inside_read;
 use crate::residency::ModelBlocks;
 use crate::store::scene_file::{
-    ALL_RAYS, ArrayRow, LightRow, MOST_LIGHTS, MOST_PATH, ModelFileRow, SCENE_FOOTER_LEN, SCENE_HEADER_LEN,
-    SceneFileRow, SceneHeader, SceneRow, SceneWriter, SingleRow, StateRow, check_path, padding,
+    ArrayRow, LightRow, MOST_LIGHTS, MOST_PATH, ModelFileRow, SCENE_FOOTER_LEN, SCENE_HEADER_LEN, SceneFileRow,
+    SceneHeader, SceneRow, SceneWriter, SingleRow, StateRow, check_path, padding,
 };
 use crate::store::{FileSource, Outline};
 use std::collections::HashMap;
@@ -307,8 +305,7 @@ fn scene_row(state: &SceneState) -> SceneRow {
 
 /// Those of single instances that are not as all others.
 fn single_states(state: &SceneState) -> impl Iterator<Item = StateRow> {
-    let is_plain = |it: &InstanceState| it.mask == ALL_RAYS && it.look == Look::default();
-    let all = (0..).zip(&state.states.singles).filter(move |(_, it)| !is_plain(it));
+    let all = (0..).zip(&state.states.singles).filter(|(_, it)| !it.is_plain());
     all.map(|(index, it)| state_row(&(index, it.mask, it.look)))
 }
 
@@ -330,7 +327,7 @@ fn check(state: &SceneState) -> Result<()> {
         return Err(Error::BadState(why));
     }
     if let Some(&instance) = state.states.occurrences.keys().min() {
-        let way = way_to(state, instance).map(|id| id.to_string()).collect::<Vec<_>>().join(", ");
+        let way = state.way_to(instance).iter().map(u64::to_string).collect::<Vec<_>>().join(", ");
         let why =
             format!("one occurrence of an instance, on the way {way}, has a look, which a scene file does not hold");
         return Err(Error::BadState(why));
@@ -341,18 +338,4 @@ fn check(state: &SceneState) -> Result<()> {
         true => Err(Error::BadState(format!("instance {}: a scene file does not hold this id", u64::MAX))),
         false => Ok(()),
     }
-}
-
-/// The ids on the way to an instance, the outermost first.
-fn way_to(state: &SceneState, instance: u64) -> impl Iterator<Item = u64> {
-    let mut next = Some((state, instance));
-    std::iter::from_fn(move || {
-        let (scene, instance) = next.take()?;
-        if instance >= scene.placement.own_instances()
-            && let (Holder::Scene(it), inner) = scene.placement.holder_of_instance(instance)
-        {
-            next = Some((it.scene, inner));
-        }
-        Some(scene.instance_id(instance))
-    })
 }

@@ -378,17 +378,17 @@ impl SceneState {
     /// instance. Also returns the map from its model to the world. `None` if there is no
     /// such placed tree.
     pub fn path(&self, occurrence: u64) -> Option<(Vec<u64>, DAffine3)> {
-        let mut instance = (occurrence < self.placement.len()).then(|| self.ids_of(occurrence).instance)?;
-        let (world_from_model, mut ids, mut scene) = (self.world_from_model(instance), Vec::new(), self);
+        let instance = (occurrence < self.placement.len()).then(|| self.ids_of(occurrence).instance)?;
+        Some((self.way_to(instance), self.world_from_model(instance)))
+    }
+
+    /// The ids of the scenes around an instance, the outermost first, and that of the instance.
+    pub(super) fn way_to(&self, mut instance: u64) -> Vec<u64> {
+        let (mut ids, mut scene) = (Vec::new(), self);
         loop {
             ids.push(scene.instance_id(instance));
-            if scene.singles.len() > instance as usize {
-                return Some((ids, world_from_model));
-            }
-            match scene.placement.holder_of_instance(instance) {
-                (Holder::Array(_), ..) => return Some((ids, world_from_model)),
-                (Holder::Scene(it), inner) => (scene, instance) = (it.scene, inner),
-            }
+            let Some(it) = scene.inner_of(instance) else { return ids };
+            (scene, instance) = (it.scene, instance - it.first_instance);
         }
     }
 

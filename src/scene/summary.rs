@@ -106,6 +106,7 @@ impl SceneState {
         (singles + tables + scenes.sum::<usize>()) as u64
             + arrays.chain(scene_arrays).sum::<u64>()
             + placement.top.bytes()
+            + self.groups.bytes()
     }
 }
 

@@ -148,7 +148,8 @@ impl TopTree {
     /// The tree in which no cell above some members stands in: `members`, in ascending order, of which `bounds_of`
     /// returns the bounds. `None` if there is no memory for it.
     pub fn without_cells_above(&self, members: &[u32], bounds_of: impl Fn(u32) -> DBounds) -> Option<Self> {
-        let Nodes { tree, frame, count, moved, has_cells } = self.nodes.as_ref()?;
+        let nodes = self.nodes.as_ref()?;
+        let Nodes { tree, frame, .. } = nodes;
         let stays = |&member: &u32| {
             let b = bounds_of(member);
             (!b.is_empty()).then(|| frame.local(&b)).map(|b| Move { member, from: b, to: b })
@@ -159,7 +160,7 @@ impl TopTree {
         } else {
             tree.without_cells_above(|member| members.binary_search(&member).is_ok()).ok()?
         };
-        let nodes = Nodes { tree, frame: *frame, count: *count, moved: *moved, has_cells: *has_cells };
+        let nodes = Nodes { tree, ..*nodes };
         Some(Self { around: self.around, root: self.root, nodes: Some(nodes) })
     }
 
@@ -173,7 +174,7 @@ impl TopTree {
     /// room around it.
     pub fn moved(&self, moves: &[(u32, [DBounds; 2])], position_error: f64) -> Option<Self> {
         let nodes = self.nodes.as_ref().filter(|_| self.may_move(moves.len()))?;
-        let Nodes { tree, frame, count, moved, has_cells } = nodes;
+        let Nodes { tree, frame, moved, .. } = nodes;
         let is_in_room = |b: &DBounds| !b.is_empty() && frame.placed.bounds.contains(&frame.grow(b));
         if !moves.iter().all(|it| is_in_room(&it.1[1])) {
             return None;
@@ -188,7 +189,7 @@ impl TopTree {
         let around = moves.iter().fold(self.around, |all, it| all.union(it.1[1]));
         let mut frame = *frame;
         frame.placed.position_error = position_error;
-        let nodes = Nodes { tree, frame, count: *count, moved: moved + moves.len(), has_cells: *has_cells };
+        let nodes = Nodes { tree, frame, moved: moved + moves.len(), ..*nodes };
         Some(Self { around, root: self.root, nodes: Some(nodes) })
     }
 

@@ -9,7 +9,7 @@ use std::ffi::{c_int, c_uint};
 impl Scene {
     /// Forgets all instances.
     pub fn clear(&mut self) {
-        // SAFETY: a live scene, which nobody else knows, and a live device.
+        // SAFETY: the scene and the device are live, and no other code has the scene.
         unsafe {
             (self.calls.release_scene)(self.scene);
             self.scene = (self.calls.new_scene)(self.device);
@@ -40,7 +40,7 @@ pub fn resident() -> Option<u64> {
     let library = unsafe { Library::new("libc.so.6") }.ok()?;
     // SAFETY: the type is that of glibc's function.
     let trim = unsafe { library.get::<unsafe extern "C" fn(usize) -> c_int>(b"malloc_trim\0") }.ok()?;
-    // SAFETY: it takes any number, and gives back memory that nobody holds.
+    // SAFETY: the call takes any number, and gives back only memory that the C library does not use.
     unsafe { trim(0) };
     let text = std::fs::read_to_string("/proc/self/statm").ok()?;
     Some(text.split(' ').nth(1)?.parse::<u64>().ok()? * PAGE)
