@@ -1,4 +1,4 @@
-//! Triangles: the watertight ray test, the exact test of crossings, and pairs of triangles: their exact relation, their
+//! Surfaces and triangles: parametric surfaces, the watertight ray test, the exact test of crossings, and pairs of triangles: their exact relation, their
 //! common points and their distance. Uses base, math and simd.
 #![forbid(unsafe_code)]
 
@@ -8,6 +8,7 @@ mod flat;
 pub mod many;
 pub mod pairs;
 mod signs;
+pub mod surface;
 pub mod watertight;
 #[cfg(test)]
 mod distances_tests;

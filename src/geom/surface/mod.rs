@@ -1,0 +1,5 @@
+//! Parametric surfaces in double precision: their points, derivatives and bounds.
+
+pub mod point;
+
+pub use point::SurfacePoint;
