@@ -1,5 +1,5 @@
-//! Surfaces and triangles: parametric surfaces, the watertight ray test, the exact test of crossings, and pairs of triangles: their exact relation, their
-//! common points and their distance. Uses base, math and simd.
+//! Parametric surfaces, and triangles: the watertight ray test, the exact test of crossings, and pairs of triangles:
+//! their exact relation, their common points and their distance. Uses base, math and simd.
 #![forbid(unsafe_code)]
 
 pub mod crossing;
