@@ -44,7 +44,7 @@ pub use files::read_files;
 use glam::{DAffine3, DVec3, Vec3};
 use std::path::Path;
 use std::sync::Arc;
-pub use surface::{CageMesh, Dicing};
+pub use surface::{CageMesh, Dicing, NurbsMesh};
 
 /// Key of a mesh of a [`Sink`]: the directly placed triangles, or a mesh that instances repeat.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -164,6 +164,14 @@ pub trait Sink {
     fn cage(&mut self, mesh: MeshKey, cage: &CageMesh<'_>) -> Result<()> {
         let (dicing, cancel) = (self.dicing(), self.cancel().clone());
         cage.dice(dicing, &cancel, &mut |part, micro| {
+            let normals = Attributes { normals: Some(&micro.normals), ..Attributes::NONE };
+            self.triangles(mesh, part, &micro.positions, normals)
+        })
+    }
+    /// Adds a NURBS surface, likewise.
+    fn nurbs(&mut self, mesh: MeshKey, surface: &NurbsMesh<'_>) -> Result<()> {
+        let (dicing, cancel) = (self.dicing(), self.cancel().clone());
+        surface.dice(dicing, &cancel, &mut |part, micro| {
             let normals = Attributes { normals: Some(&micro.normals), ..Attributes::NONE };
             self.triangles(mesh, part, &micro.positions, normals)
         })

@@ -5,6 +5,7 @@ use crate::base::error::{Error, Result};
 use crate::base::progress::Cancel;
 use crate::geom::surface::cage::{Cage, CageDesc, CageQuads};
 use crate::geom::surface::dice::{Micro, dice};
+use crate::geom::surface::nurbs::{Nurbs, NurbsDesc, NurbsQuads};
 use glam::DVec3;
 
 /// A subdivision surface: its cage, and the parts of its faces.
@@ -18,7 +19,7 @@ pub struct CageMesh<'a> {
     pub parts: &'a [u32],
 }
 
-/// Tolerance of surfaces for which none is asked, as a fraction of the cage's greatest extent.
+/// Tolerance of surfaces for which none is asked, as a fraction of the greatest extent of its control points.
 pub const TOLERANCE: f64 = 1.0 / 2048.0;
 
 impl CageMesh<'_> {
@@ -41,18 +42,54 @@ impl CageMesh<'_> {
         }
         let cage = Cage::new(&self.desc, self.positions.len())?;
         let part = |face: u32| self.parts[if self.parts.len() == 1 { 0 } else { face as usize }];
-        let dicing = dicing.unwrap_or_else(|| Dicing::Tolerance(self.extent().max(f64::MIN_POSITIVE) * TOLERANCE));
         let quads = CageQuads::new(&cage, self.positions)?;
-        dice(&quads, dicing, &mut |quad, micro| {
+        dice(&quads, or_default(dicing, self.positions), &mut |quad, micro| {
             cancel.check()?;
             emit(part(quads.face(quad)), micro)
         })
     }
+}
 
-    /// The greatest extent of the cage.
-    fn extent(&self) -> f64 {
-        let all = self.positions.iter();
-        let (low, high) = all.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(a, b), p| (a.min(*p), b.max(*p)));
-        (high - low).max_element()
+/// A NURBS surface of one part.
+#[derive(Clone, Copy)]
+pub struct NurbsMesh<'a> {
+    /// Knots, control points and weights.
+    pub desc: NurbsDesc<'a>,
+    /// The normal is against du × dv, and the triangles are clockwise along it.
+    pub is_reversed: bool,
+    /// A part, or a local part of a shared mesh.
+    pub part: u32,
+}
+
+impl NurbsMesh<'_> {
+    /// Dices the surface as [`CageMesh::dice`] does. It is closed where its first and last control points are the same.
+    ///
+    /// Fails with `BadArgument`, which names the argument that is wrong, and with the errors of `emit`.
+    pub fn dice(
+        &self,
+        dicing: Option<Dicing>,
+        cancel: &Cancel,
+        emit: &mut dyn FnMut(u32, &Micro) -> Result<()>,
+    ) -> Result<()> {
+        let surface = Nurbs::new(&self.desc)?;
+        let mut turned = Micro::default();
+        dice(&NurbsQuads::new(&surface), or_default(dicing, self.desc.points), &mut |_, micro| {
+            cancel.check()?;
+            if !self.is_reversed {
+                return emit(self.part, micro);
+            }
+            turned.positions.clear();
+            turned.positions.extend(micro.positions.iter().map(|[a, b, c]| [*a, *c, *b]));
+            turned.normals.clear();
+            turned.normals.extend(micro.normals.iter().map(|[a, b, c]| [-a, -c, -b]));
+            emit(self.part, &turned)
+        })
     }
+}
+
+/// `dicing`, or the default for a surface with these control points.
+fn or_default(dicing: Option<Dicing>, points: &[DVec3]) -> Dicing {
+    let all = points.iter();
+    let (low, high) = all.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(a, b), p| (a.min(*p), b.max(*p)));
+    dicing.unwrap_or_else(|| Dicing::Tolerance(((high - low).max_element() * TOLERANCE).max(f64::MIN_POSITIVE)))
 }
