@@ -1,0 +1,7 @@
+//! Parametric surfaces, compared with other libraries, closed forms and deep subdivision in double precision.
+
+mod common;
+#[path = "surfaces/refined.rs"]
+mod refined;
+#[path = "surfaces/shapes.rs"]
+mod shapes;
