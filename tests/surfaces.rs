@@ -1,6 +1,8 @@
 //! Parametric surfaces, compared with other libraries, closed forms and deep subdivision in double precision.
 
 mod common;
+#[path = "surfaces/bfr.rs"]
+mod bfr;
 #[path = "surfaces/refined.rs"]
 mod refined;
 #[path = "surfaces/shapes.rs"]
