@@ -3,6 +3,8 @@
 mod common;
 #[path = "surfaces/bfr.rs"]
 mod bfr;
+#[path = "surfaces/deep.rs"]
+mod deep;
 #[path = "surfaces/refined.rs"]
 mod refined;
 #[path = "surfaces/shapes.rs"]

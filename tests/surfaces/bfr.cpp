@@ -22,6 +22,9 @@
 
 using namespace OpenSubdiv;
 
+// The deepest level that OpenSubdiv 3.5 takes: it approximates within 2^-LEVEL of irregular vertices.
+static int const LEVEL = 10;
+
 struct Cage {
     std::string name;
     std::vector<double> points;
@@ -156,7 +159,7 @@ int main(int count, char** words) {
     for (Cage const& cage : read_cages(words[1])) {
         auto refiner = refiner_of(cage);
         Bfr::RefinerSurfaceFactory<>::Options options;
-        options.SetApproxLevelSharp(8).SetApproxLevelSmooth(8);
+        options.SetApproxLevelSharp(LEVEL).SetApproxLevelSmooth(LEVEL);
         Bfr::RefinerSurfaceFactory<> factory(*refiner, options);
         std::vector<int> faces;
         for (int face = 0; face < int(cage.sizes.size()); ++face) {
