@@ -13,6 +13,7 @@ const SOURCES: &[&str] = &[
     "build.rs",
     "contents.rs",
     "triangles.rs",
+    "cages.rs",
     "report.rs",
     "model.rs",
     "scene.rs",

@@ -23,6 +23,7 @@ use outcrop::capi::report::oc_build_report;
 use outcrop::capi::resolve::oc_resolved;
 use outcrop::capi::scene::{oc_background, oc_light};
 use outcrop::capi::triangles::oc_triangles;
+use outcrop::capi::cages::oc_cage;
 use outcrop::capi::view::oc_camera;
 use std::collections::BTreeMap;
 use std::mem::{offset_of, size_of};
@@ -55,13 +56,18 @@ fn layouts() -> Vec<Layout> {
         oc_build_desc {
             struct_size, structure, memory_budget, temp_dir, metres_per_unit, up, splits, threads, reserved, resolve,
             resolve_user, trusted_folder, max_triangles, max_bytes, trust_paths, reserved_2,
-            crease_angle, stand_ins, proxy_rays, proxy_triangles,
+            crease_angle, stand_ins, proxy_rays, proxy_triangles, surface_tolerance, surface_level, subdivide,
         }
         oc_material { struct_size, colour, opacity, metalness, roughness, reserved }
         oc_part { struct_size, material, id, parent, name, has_parent, reserved }
         oc_triangles {
             struct_size, mesh, part, positions, position_count, position_stride, indices, index_count, colours,
             colour_stride, scalar, index, normals, normal_stride, position_colours, position_colour_stride,
+        }
+        oc_cage {
+            struct_size, mesh, part, face_parts, positions, position_count, position_stride, face_sizes, face_count, indices,
+            index_count, creases, crease_sharpness, crease_count, corners, corner_sharpness, corner_count, holes,
+            hole_count, scalar, boundary, creasing, triangle_rule,
         }
         oc_build_report {
             struct_size, notes, triangles_in, triangles_kept, dropped_non_finite, dropped_degenerate,

@@ -18,7 +18,7 @@ use crate::base::reserve;
 use crate::base::scratch::{Scratch, ScratchSpace};
 use crate::base::threads;
 use crate::import::{
-    self, Attributes, MaterialDesc, MaterialKey, MeshKey, PartDesc, PartKey, ReadOptions, Sink, UpAxis,
+    self, Attributes, Dicing, MaterialDesc, MaterialKey, MeshKey, PartDesc, PartKey, ReadOptions, Sink, UpAxis,
 };
 use crate::math::srgb;
 use crate::store::{InstanceRow, MaterialRow, PartRow, TreeRow, sections};
@@ -77,6 +77,7 @@ impl Builder {
             return Err(Error::bad_argument("crease_angle must be finite and at most 180"));
         }
         threads::check(options.threads, "threads")?;
+        options.dicing.map_or(Ok(()), |dicing| dicing.check())?;
         if options.proxy_rays > MOST_PROXY_RAYS {
             return Err(Error::bad_argument(format!("proxy_rays must be at most {MOST_PROXY_RAYS}")));
         }
@@ -121,6 +122,7 @@ impl Builder {
             temp_dir: self.options.temp_dir.clone(),
             memory: self.shares.reader,
             textures: self.shares.textures,
+            subdivide: self.options.subdivide,
             access: self.options.access.clone(),
             inputs: self.inputs.clone(),
             quota: self.quota.clone(),
@@ -409,6 +411,10 @@ impl Sink for Builder {
         pushed?;
         reserve::check()?;
         self.spill()
+    }
+
+    fn dicing(&self) -> Option<Dicing> {
+        self.options.dicing
     }
 
     fn instance(&mut self, mesh: MeshKey, world_from_mesh: DAffine3, first_part: PartKey) -> Result<()> {

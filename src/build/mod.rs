@@ -51,7 +51,7 @@ pub use builder::Builder;
 pub use proxies::{MOST_PROXY_RAYS, PROXY_RAYS};
 pub use report::{BuildReport, PhaseSeconds};
 
-use crate::import::{Access, UpAxis};
+use crate::import::{Access, Dicing, UpAxis};
 use std::path::PathBuf;
 
 /// Spatial splits: a triangle may be referred to by several leaves. They pay for long thin triangles, and do not pay
@@ -148,6 +148,10 @@ pub struct BuildOptions {
     /// Fewest triangles of a subtree that gets a proxy. 0: so many that all proxies take about 0.3 bytes for each
     /// triangle. Default 0.
     pub proxy_triangles: u32,
+    /// How finely smooth surfaces are diced. Default: to [`crate::import::surface::TOLERANCE`] of their extent.
+    pub dicing: Option<Dicing>,
+    /// Faces of OBJ files are the cages of subdivision surfaces. Default: they are polygons.
+    pub subdivide: bool,
 }
 
 /// The crease angle unless another is asked for, in degrees: chamfers of 45 degrees stay edges.

@@ -11,7 +11,7 @@ use crate::base::error::Error;
 use crate::base::output;
 use crate::base::progress::{Cancel, Progress};
 use crate::build::{BuildOptions, Builder, Splits, StandIns, Structure};
-use crate::import::{Access, MeshKey, PartKey, UpAxis};
+use crate::import::{Access, Dicing, MeshKey, PartKey, UpAxis};
 use crate::scene::LogLevel;
 use std::collections::HashMap;
 use std::ffi::{c_char, c_void};
@@ -154,6 +154,15 @@ pub struct oc_build_desc {
     /// Least number of triangles that such a look stands for. 0: so many that all looks take about 0.3 bytes of memory
     /// for each triangle.
     pub proxy_triangles: u32,
+    /// Greatest distance between a smooth surface and the triangles into which it is diced, as sampled, in units of the
+    /// surface; finite. 0: 1/2048 of the surface's greatest extent. Not used with `surface_level`.
+    pub surface_tolerance: f64,
+    /// Number of times that each side of a face of a smooth surface is halved, from 1 to 12. 0: `surface_tolerance`
+    /// decides.
+    pub surface_level: u32,
+    /// 1: faces of OBJ files are the cages of subdivision surfaces, with the tags of OpenSubdiv's tools. 0: they are
+    /// polygons.
+    pub subdivide: u32,
 }
 
 // SAFETY: `repr(C)`, numbers, pointers and a nullable function without padding, `struct_size` first.
@@ -224,6 +233,16 @@ unsafe fn options(desc: &oc_build_desc, context: &ContextObject) -> Checked<Buil
     let resolver = desc.resolve.map(|resolve| HostResolver::new(resolve, desc.resolve_user));
     let access = Access { folders, any, resolver: resolver.map(|resolver| Arc::new(resolver) as _) };
     let (max_triangles, max_bytes) = (desc.max_triangles, desc.max_bytes);
+    let dicing = match (desc.surface_level, desc.surface_tolerance) {
+        (0, 0.0) => None,
+        (0, tolerance) => Some(Dicing::Tolerance(tolerance)),
+        (level, _) => Some(Dicing::Level(level)),
+    };
+    let subdivide = match desc.subdivide {
+        0 => false,
+        1 => true,
+        other => return bad(format!("oc_build_desc.subdivide is {other}; it must be 0 or 1")),
+    };
     let metres_per_unit = (desc.metres_per_unit != 0.0).then_some(desc.metres_per_unit);
     let (memory_budget, threads) = (desc.memory_budget, threads(desc.threads, context));
     Ok(BuildOptions {
@@ -241,6 +260,8 @@ unsafe fn options(desc: &oc_build_desc, context: &ContextObject) -> Checked<Buil
         stand_ins,
         proxy_rays: desc.proxy_rays,
         proxy_triangles: desc.proxy_triangles,
+        dicing,
+        subdivide,
     })
 }
 

@@ -10,6 +10,7 @@
 mod allocator;
 pub(crate) mod background;
 pub mod build;
+pub mod cages;
 pub mod clash;
 pub mod contents;
 pub mod context;

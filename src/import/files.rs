@@ -1,6 +1,6 @@
 //! Several files as one input, with progress over all of them.
 
-use super::{Attributes, MaterialDesc, MaterialKey, MeshKey, PartDesc, PartKey, ReadOptions, Sink, UpAxis, read_file};
+use super::{Attributes, CageMesh, Dicing, MaterialDesc, MaterialKey, MeshKey, NurbsMesh, PartDesc, PartKey, ReadOptions, Sink, UpAxis, read_file};
 use crate::base::error::Result;
 use crate::base::progress::Cancel;
 use glam::{DAffine3, DVec3};
@@ -55,6 +55,15 @@ impl Sink for OneOfSeveral<'_> {
     }
     fn instance(&mut self, mesh: MeshKey, world_from_mesh: DAffine3, first_part: PartKey) -> Result<()> {
         self.sink.instance(mesh, world_from_mesh, first_part)
+    }
+    fn dicing(&self) -> Option<Dicing> {
+        self.sink.dicing()
+    }
+    fn cage(&mut self, mesh: MeshKey, cage: &CageMesh<'_>) -> Result<()> {
+        self.sink.cage(mesh, cage)
+    }
+    fn nurbs(&mut self, mesh: MeshKey, surface: &NurbsMesh<'_>) -> Result<()> {
+        self.sink.nurbs(mesh, surface)
     }
     fn at(&mut self, bytes: u64, total: u64) {
         // A reader's byte count can exceed the file's size if the file refers to other files.

@@ -24,6 +24,7 @@ mod pictures;
 mod ply;
 pub mod raw;
 mod stl;
+pub mod surface;
 #[cfg(test)]
 mod testing;
 mod text;
@@ -43,6 +44,7 @@ pub use files::read_files;
 use glam::{DAffine3, DVec3, Vec3};
 use std::path::Path;
 use std::sync::Arc;
+pub use surface::{CageMesh, Dicing, NurbsMesh};
 
 /// Key of a mesh of a [`Sink`]: the directly placed triangles, or a mesh that instances repeat.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -154,6 +156,26 @@ pub trait Sink {
     /// Places a shared mesh: its local part `i` becomes the part `first_part + i`. `world_from_mesh` must be finite and
     /// invertible.
     fn instance(&mut self, mesh: MeshKey, world_from_mesh: DAffine3, first_part: PartKey) -> Result<()>;
+    /// How finely surfaces are diced that the sink takes as triangles.
+    fn dicing(&self) -> Option<Dicing> {
+        None
+    }
+    /// Adds a subdivision surface. By default it is diced into triangles ([`CageMesh::dice`]), in the order of its faces.
+    fn cage(&mut self, mesh: MeshKey, cage: &CageMesh<'_>) -> Result<()> {
+        let (dicing, cancel) = (self.dicing(), self.cancel().clone());
+        cage.dice(dicing, &cancel, &mut |part, micro| {
+            let normals = Attributes { normals: Some(&micro.normals), ..Attributes::NONE };
+            self.triangles(mesh, part, &micro.positions, normals)
+        })
+    }
+    /// Adds a NURBS surface, likewise.
+    fn nurbs(&mut self, mesh: MeshKey, surface: &NurbsMesh<'_>) -> Result<()> {
+        let (dicing, cancel) = (self.dicing(), self.cancel().clone());
+        surface.dice(dicing, &cancel, &mut |part, micro| {
+            let normals = Attributes { normals: Some(&micro.normals), ..Attributes::NONE };
+            self.triangles(mesh, part, &micro.positions, normals)
+        })
+    }
     /// Reports the position of the reader in the current input, in bytes, and the total.
     fn at(&mut self, bytes: u64, total: u64);
     /// Reports a message for the user about an input that was readable nevertheless.
@@ -175,6 +197,8 @@ pub struct ReadOptions {
     /// limit of decoding. Textures beyond it go to a scratch file; one that cannot be decoded in it is left out with a
     /// note. One texture of at most 50 MB is always in memory.
     pub textures: u64,
+    /// Faces of OBJ files are the cages of subdivision surfaces.
+    pub subdivide: bool,
     /// The files that mesh files may refer to.
     pub access: Access,
     /// Receives each file that was read, so that no output replaces it.

@@ -7,13 +7,14 @@ import os
 from collections.abc import Callable
 from typing import Any, Union
 
+import numpy
 from numpy.typing import ArrayLike
 
 from . import _abi, _values
-from ._arrays import Array, address, given, matrix, vectors
+from ._arrays import Array, address, given, integers, matrix, vectors
 from ._arrays import faces as checked_faces
 from ._callbacks import Entry, callback, find, forget, register
-from ._enums import Index, Resolution, Scalar, Status
+from ._enums import Boundary, Creasing, Index, Resolution, Scalar, Status, TriangleRule
 from ._handles import Handle, Reference, made
 from ._jobs import Job, release_job
 from ._library import lib
@@ -135,6 +136,28 @@ def _rows(name: str, value: ArrayLike | None, count: int, of: str) -> Array | No
     return rows
 
 
+def _numbers(name: str, value: ArrayLike, shape: tuple[int, ...], dtype: Any = numpy.uint32) -> Array:
+    """Returns packed unsigned integers of a shape, in which -1 is any number."""
+    array = integers(name, value)
+    if array.size == 0:
+        return numpy.zeros([max(side, 0) for side in shape], dtype)
+    if array.ndim != len(shape) or any(side not in (-1, is_) for side, is_ in zip(shape, array.shape)):
+        sides = ", ".join("N" if side < 0 else str(side) for side in shape)
+        raise ValueError(f"{name}: expected shape ({sides}{',' if len(shape) == 1 else ''}), not {given(array)}")
+    most = numpy.iinfo(dtype).max
+    if array.max() > most:
+        raise ValueError(f"{name}: {array.max()} is above {most}")
+    return numpy.ascontiguousarray(array, dtype)
+
+
+def _sharpness(name: str, value: ArrayLike, count: int) -> Array:
+    """Returns packed float32 numbers: one for each of `count`, of which `value` may be a common one."""
+    array = numpy.asarray(value, numpy.float32)
+    if array.ndim > 0 and array.shape != (count,):
+        raise ValueError(f"{name}: expected one number, or shape ({count},), not {given(array)}")
+    return numpy.ascontiguousarray(numpy.broadcast_to(array, (count,)))
+
+
 class Build(Handle):
     """A model under construction, made by `Context.new_build`: add meshes, then `start`.
 
@@ -225,6 +248,56 @@ class Build(Handle):
         if tints is not None:
             triangles.position_colours, triangles.position_colour_stride = address(tints), tints.strides[0]
         lib.oc_build_add_triangles(self._h, c.byref(triangles))
+
+    def add_cage(self, part: int | ArrayLike, vertices: ArrayLike, faces: ArrayLike,
+                 face_sizes: ArrayLike | None = None, *, creases: ArrayLike | None = None,
+                 crease_sharpness: ArrayLike = 10.0, corners: ArrayLike | None = None,
+                 corner_sharpness: ArrayLike = 10.0, holes: ArrayLike | None = None,
+                 boundary: Boundary = Boundary.EDGES, creasing: Creasing = Creasing.UNIFORM,
+                 triangle_rule: TriangleRule = TriangleRule.CATMULL_CLARK, mesh: int = 0) -> None:
+        """Adds a Catmull-Clark subdivision surface by its cage.
+
+        It is diced into triangles as finely as `BuildOptions.surface_tolerance` or `surface_level` asks for.
+
+        part: id of the part, or one for each face; with `mesh`, numbers of parts in the shared mesh, from 0.
+        vertices: (N, 3) float32 or float64; rows may lie apart.
+        faces: (M, 4) integers below N; with `face_sizes`, the corners of all faces one after the other.
+        face_sizes: (M,) integers from 3 on.
+        creases: (K, 2) vertices at the ends of sharp edges.
+        crease_sharpness: one for all, or one for each: 0 is smooth, 10 or more stays sharp for ever.
+        corners: (K,) sharp vertices, with `corner_sharpness`.
+        holes: (K,) faces that are no surface.
+        mesh: number of a shared mesh, or 0: the surface is placed directly.
+
+        Raises:
+            ValueError, TypeError: an array has another shape, dtype or layout. Nothing was added.
+        """
+        points = vectors("vertices", vertices)
+        counted = None if face_sizes is None else _numbers("face_sizes", face_sizes, (-1,))
+        indices = _numbers("faces", faces, (-1, 4) if counted is None else (-1,))
+        count = len(indices) if counted is None else len(counted)
+        cage = _abi.oc_cage(mesh=whole("mesh", mesh, 32), positions=address(points), position_count=len(points),
+                            position_stride=points.strides[0] if len(points) > 1 else 0,
+                            scalar=Scalar.F64 if points.dtype.itemsize == 8 else Scalar.F32, face_count=count,
+                            indices=address(indices), index_count=indices.size, boundary=boundary,
+                            creasing=creasing, triangle_rule=triangle_rule)
+        if counted is not None:
+            cage.face_sizes = address(counted)
+        parts = None
+        if isinstance(part, int):
+            cage.part = whole("part", part)
+        else:
+            parts = _numbers("part", part, (count,), numpy.uint64)
+            cage.face_parts = address(parts)
+        edges = _numbers("creases", [] if creases is None else creases, (-1, 2))
+        sharp_edges = _sharpness("crease_sharpness", crease_sharpness, len(edges))
+        cage.creases, cage.crease_sharpness, cage.crease_count = address(edges), address(sharp_edges), len(edges)
+        points_of = _numbers("corners", [] if corners is None else corners, (-1,))
+        sharp = _sharpness("corner_sharpness", corner_sharpness, len(points_of))
+        cage.corners, cage.corner_sharpness, cage.corner_count = address(points_of), address(sharp), len(points_of)
+        empty = _numbers("holes", [] if holes is None else holes, (-1,))
+        cage.holes, cage.hole_count = address(empty), len(empty)
+        lib.oc_build_add_cage(self._h, c.byref(cage))
 
     def add_shared_mesh(self, parts: int = 1) -> int:
         """Begins a mesh of so many parts that instances place any number of times. Returns its number, from 1."""

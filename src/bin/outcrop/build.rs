@@ -4,6 +4,7 @@ use crate::common::{self, Outcome};
 use crate::output::Destination;
 use outcrop::base::progress::Progress;
 use outcrop::build::{BuildOptions, BuildReport, Builder, MOST_PROXY_RAYS, Splits, StandIns, Structure};
+use outcrop::import::surface::{Dicing, MOST_LEVEL};
 use outcrop::import::{Access, UpAxis};
 use serde_json::{Value, json};
 use std::path::PathBuf;
@@ -68,6 +69,17 @@ pub struct Args {
     /// Fewest triangles of a subtree with a proxy. 0: so many that all proxies take about 0.3 bytes for each triangle
     #[arg(long, value_name = "N", default_value = "0")]
     proxy_triangles: u32,
+    /// Faces of OBJ files are the cages of Catmull-Clark subdivision surfaces, with creases and corners by `t` lines
+    #[arg(long)]
+    subdivide: bool,
+    /// Greatest distance between smooth surfaces and their triangles, in units of the surface [default: 1/2048 of its
+    /// extent]
+    #[arg(long, value_name = "T", allow_negative_numbers = true, value_parser = common::positive)]
+    tolerance: Option<f64>,
+    /// Number of times that each side of a face of a smooth surface is halved, in place of a tolerance
+    #[arg(long, value_name = "N", conflicts_with = "tolerance",
+        value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_LEVEL)))]
+    level: Option<u32>,
     /// Print one JSON object
     #[arg(long)]
     json: bool,
@@ -97,6 +109,8 @@ pub fn run(args: &Args) -> Outcome {
         stand_ins: args.stand_ins,
         proxy_rays: args.proxy_rays.unwrap_or(0),
         proxy_triangles: args.proxy_triangles,
+        dicing: args.level.map(Dicing::Level).or(args.tolerance.map(Dicing::Tolerance)),
+        subdivide: args.subdivide,
     };
     let progress = Arc::new(Progress::default());
     let mut builder = Builder::new(options, Arc::clone(&progress), cancel)?;

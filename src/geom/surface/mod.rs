@@ -1,5 +1,9 @@
 //! Parametric surfaces in double precision: their points, derivatives and bounds.
 
+pub mod cage;
+pub mod dice;
+pub mod nurbs;
 pub mod point;
 
+pub use dice::{Dicing, Quads, dice};
 pub use point::SurfacePoint;

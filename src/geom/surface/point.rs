@@ -26,19 +26,22 @@ impl SurfacePoint {
     }
 
     /// The principal curvatures, the larger one first, positive where the surface bends towards its normal. `None`
-    /// where the surface has no normal. They are the roots of `k² − 2Hk + K` with the mean curvature H and the Gaussian
-    /// curvature K of the first and second fundamental forms.
+    /// where the surface has no normal. They are the eigenvalues of the second fundamental form in an orthonormal frame
+    /// along du: their difference is then a root of squares, exact where both are equal, too.
     pub fn curvatures(&self) -> Option<[f64; 2]> {
         let normal = self.normal();
-        let (e, f, g) = (self.du.length_squared(), self.du.dot(self.dv), self.dv.length_squared());
-        let area = e * g - f * f;
-        if normal == DVec3::ZERO || area <= 0.0 {
+        let along = self.du.length();
+        let across = self.dv.dot(normal.cross(self.du)) / along;
+        if normal == DVec3::ZERO || across <= 0.0 {
             return None;
         }
+        // dv = slant · du + across · (a unit vector across du).
+        let slant = self.dv.dot(self.du) / (along * along);
         let (l, m, n) = (self.duu.dot(normal), self.duv.dot(normal), self.dvv.dot(normal));
-        let mean = (e * n - 2.0 * f * m + g * l) / (2.0 * area);
-        let gauss = (l * n - m * m) / area;
-        let root = (mean * mean - gauss).max(0.0).sqrt();
+        let a = l / (along * along);
+        let b = (m - slant * l) / (along * across);
+        let c = (n - 2.0 * slant * m + slant * slant * l) / (across * across);
+        let (mean, root) = (0.5 * (a + c), (0.5 * (a - c)).hypot(b));
         Some([mean + root, mean - root])
     }
 }

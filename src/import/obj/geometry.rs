@@ -1,5 +1,6 @@
 //! The second reading of an OBJ file: vertices and faces.
 
+use super::cage::Cage;
 use super::lines::Lines;
 use super::mtl::next_number;
 use super::parts::{Painted, Parts};
@@ -47,6 +48,10 @@ struct Reader<'a, 'f> {
     coordinates: Option<Vec<[f32; 2]>>,
     normals: Normals,
     corners: Vec<Corner>,
+    /// The faces, if they are the cage of a subdivision surface.
+    cage: Option<Cage>,
+    /// The part of the present run of faces.
+    part: u32,
     /// Texture of the present run of faces.
     texture: Option<(Painted, Rc<Texture>)>,
     batch: Batch,
@@ -69,8 +74,9 @@ struct Corner {
     normal: Option<u32>,
 }
 
-/// Reads the whole file from its beginning; the triangles go to `parts`.
-pub(crate) fn read(input: &mut Input, parts: &mut Parts<'_>, sink: &mut dyn Sink) -> Result<()> {
+/// Reads the whole file from its beginning; the triangles go to `parts`. `subdivide`: the faces are the cage of a
+/// subdivision surface.
+pub(crate) fn read(input: &mut Input, parts: &mut Parts<'_>, subdivide: bool, sink: &mut dyn Sink) -> Result<()> {
     let mut reader = Reader {
         coordinates: parts.have_textures().then(Vec::new),
         parts,
@@ -79,6 +85,8 @@ pub(crate) fn read(input: &mut Input, parts: &mut Parts<'_>, sink: &mut dyn Sink
         scale: 1.0,
         normals: Normals::default(),
         corners: Vec::new(),
+        cage: subdivide.then(Cage::default),
+        part: 0,
         texture: None,
         batch: Batch::new(0),
         with_normals: false,
@@ -102,6 +110,9 @@ pub(crate) fn read(input: &mut Input, parts: &mut Parts<'_>, sink: &mut dyn Sink
         outcome.map_err(|fault| fault.at(input.path(), Place::Line(number)))?;
     }
     reader.batch.flush(sink)?;
+    if let Some(cage) = reader.cage.take() {
+        cage.finish(&reader.positions, input.path(), sink)?;
+    }
     reader.report(input, sink);
     Ok(())
 }
@@ -122,7 +133,7 @@ impl Reader<'_, '_> {
             Keyword::Face => self.face(line, sink)?,
             Keyword::Object(_) | Keyword::Group(_) | Keyword::Material(_) => self.in_run = false,
             Keyword::Library(_) => {}
-            Keyword::Other => self.other(line, number),
+            Keyword::Other => self.other(line, number)?,
         }
         Ok(())
     }
@@ -202,6 +213,7 @@ impl Reader<'_, '_> {
                 return Err("the file changed while it was being read".into());
             };
             self.batch.aim(MeshKey::DIRECT, target.part, target.colour, sink)?;
+            self.part = target.part;
             self.texture = None;
             if let Some(painted) = target.texture {
                 self.texture = Some((painted, self.parts.textures.get(&painted.used)?));
@@ -230,6 +242,14 @@ impl Reader<'_, '_> {
             }
         }
         self.without_area += u64::from(self.corners.len() < 3);
+        if let Some(cage) = &mut self.cage {
+            if self.corners.len() < 3 {
+                return Err("a face of a cage needs at least three corners".into());
+            }
+            cage.face(self.part, self.corners.iter().map(|corner| corner.vertex));
+            self.triangles += 1;
+            return Ok(());
+        }
         // The normals of a face are used if each corner has one.
         self.with_normals = self.corners.iter().all(|corner| corner.normal.is_some());
         self.batch.with_normals(self.with_normals, sink)?;
@@ -280,12 +300,18 @@ impl Reader<'_, '_> {
         Some(std::array::from_fn(|i| (painted.factor[i] * mean[i]).clamp(0.0, 1.0)))
     }
 
-    fn other(&mut self, line: &[u8], number: u64) {
+    fn other(&mut self, line: &[u8], number: u64) -> Parsed<()> {
         let mut rest = line;
         let word = text::word(&mut rest).unwrap_or(b"");
+        if let (b"t", Some(cage)) = (word, &mut self.cage)
+            && cage.tags.read(rest)?
+        {
+            return Ok(());
+        }
         if !SILENT.contains(&word) && !word.is_empty() {
             self.ignored.add(&text::shown(word), number);
         }
+        Ok(())
     }
 
     fn report(&self, input: &Input, sink: &mut dyn Sink) {

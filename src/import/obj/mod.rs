@@ -16,14 +16,18 @@
 //! - A texture `map_Kd` gives each triangle its mean colour ([`super::texture`]); vertex colours do not count there.
 //! - `#` begins a comment behind numbers. In a name it may be a letter: a material is looked for under its whole name
 //!   first, then under the name before the comment; names of objects and groups are kept whole.
+//! - With [`super::ReadOptions::subdivide`] the faces are the cage of a subdivision surface, and `t` lines are its tags;
+//!   colours of vertices and textures do not count.
 //! - All other lines are ignored. Those that carry geometry (points, lines, curves, subdivision tags) are noted.
 
 mod beside;
+mod cage;
 mod geometry;
 mod lines;
 mod mtl;
 mod parts;
 mod survey;
+mod tags;
 mod textures;
 
 #[cfg(test)]
@@ -44,5 +48,5 @@ pub(crate) fn read(input: &mut Input, files: &Files<'_>, sink: &mut dyn Sink) ->
     let mut parts = parts::declare(input.path(), files, &survey, sink)?;
     drop(survey);
     input.seek(0, 0)?;
-    geometry::read(input, &mut parts, sink)
+    geometry::read(input, &mut parts, files.options.subdivide, sink)
 }

@@ -1,0 +1,103 @@
+//! Dicing: triangles that follow a surface, without cracks.
+//!
+//! A surface is a set of quads, each a patch over the unit square. Each edge of a quad has its own number of segments,
+//! a power of two that depends on the edge alone, so that both sides of it have the same. A quad is a grid as fine as
+//! its finest edge, or finer where its inside requires it; the rows of the grid at a coarser edge collapse to the points
+//! of that edge. Points on edges and corners are the mean of what their quads evaluate there: both sides of an edge have
+//! the same points to the last bit, also where a displacement differs between them.
+
+mod edges;
+mod levels;
+mod quad;
+#[cfg(test)]
+mod tests;
+
+use crate::base::error::{Error, Result};
+use edges::Edges;
+use glam::{DVec3, Vec3};
+
+/// The highest [`Dicing::level`]: 4096 segments along a side.
+pub const MOST_LEVEL: u32 = 12;
+
+/// How finely surfaces are diced.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Dicing {
+    /// Each quad has 2^level segments along each side.
+    Level(u32),
+    /// The sampled distance between surface and triangles is about this at most, in units of the surface. Sides have at
+    /// most 2^[`MOST_LEVEL`] segments.
+    Tolerance(f64),
+}
+
+impl Dicing {
+    /// Fails with `BadArgument` if the level or the tolerance is out of its range.
+    pub fn check(&self) -> Result<()> {
+        match *self {
+            Self::Level(level) if level > MOST_LEVEL => {
+                Err(Error::BadArgument(format!("level {level} is above {MOST_LEVEL}")))
+            }
+            Self::Tolerance(tolerance) if !(tolerance.is_finite() && tolerance > 0.0) => {
+                Err(Error::bad_argument("tolerance must be finite and above 0"))
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+/// An edge of a quad.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Side {
+    /// Number of the edge, the same for all quads that share it.
+    pub edge: u32,
+    /// True if the quad's parameter falls along the direction of the edge.
+    pub is_reversed: bool,
+}
+
+/// A point of a surface with its unit normal; zero where there is none.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Sample {
+    /// The point.
+    pub position: DVec3,
+    /// The normal.
+    pub normal: DVec3,
+}
+
+/// A surface as a set of quads over the unit square.
+pub trait Quads {
+    /// Number of quads.
+    fn count(&self) -> usize;
+    /// Number of vertices: corners of quads that are numbered from 0.
+    fn vertices(&self) -> usize;
+    /// Number of edges.
+    fn edges(&self) -> usize;
+    /// The vertices at (0, 0), (1, 0), (0, 1) and (1, 1). A side between equal vertices is a point, as at poles.
+    fn corners(&self, quad: usize) -> [u32; 4];
+    /// The edges at v = 0 and v = 1, along u, and those at u = 0 and u = 1, along v.
+    fn sides(&self, quad: usize) -> [Side; 4];
+    /// The point at (u, v).
+    fn sample(&self, quad: usize, u: f64, v: f64) -> Sample;
+}
+
+/// Triangles of a quad.
+#[derive(Debug, Default)]
+pub struct Micro {
+    /// Their corners.
+    pub positions: Vec<[DVec3; 3]>,
+    /// The normals at the corners.
+    pub normals: Vec<[Vec3; 3]>,
+}
+
+/// Dices a surface. `emit` receives the triangles of each quad, in ascending order; counter-clockwise along the normals.
+/// Fails with its errors, and with `BadArgument` as [`Dicing::check`].
+///
+/// Memory is that of the points on all edges (24 bytes each) and of the largest quad.
+pub fn dice<Q: Quads>(surface: &Q, dicing: Dicing, emit: &mut dyn FnMut(usize, &Micro) -> Result<()>) -> Result<()> {
+    dicing.check()?;
+    let edges = Edges::of(surface, dicing);
+    let mut grid = quad::Grid::default();
+    for quad in 0..surface.count() {
+        grid.fill(surface, quad, dicing, &edges);
+        emit(quad, grid.triangles())?;
+    }
+    Ok(())
+}

@@ -1,0 +1,100 @@
+//! Decomposition of a NURBS surface to Bézier patches.
+
+use super::basis::{Line, MOST};
+use super::bezier::BezierPatch;
+use super::knots::Knots;
+use super::surface::Nurbs;
+use glam::DVec4;
+
+impl Nurbs {
+    /// Numbers of Bézier patches along u and v: of the spans that are not empty.
+    pub fn piece_counts(&self) -> [usize; 2] {
+        self.knots.each_ref().map(Knots::span_count)
+    }
+
+    /// The Bézier patch of the spans `at[0]` of u and `at[1]` of v, counted from 0. Only the control points that it
+    /// depends on are read. Neighbours have equal bits in the control points of their common border, unless the
+    /// surface itself is torn there by degree + 1 equal knots.
+    ///
+    /// # Panics
+    /// Panics unless `at` is less than [`Self::piece_counts`] in both directions.
+    pub fn piece(&self, at: [usize; 2]) -> BezierPatch {
+        let degree = self.degree();
+        let [along_u, along_v] = [Piece::of(&self.knots[0], at[0]), Piece::of(&self.knots[1], at[1])];
+        let width = along_v.last - along_v.first + 1;
+        // Lines along u first, of all columns that the lines along v depend on.
+        let mut rows = vec![DVec4::ZERO; (degree[0] + 1) * width];
+        for j in 0..width {
+            let column = along_u.bezier(|i| self.points[i * self.columns + along_v.first + j]);
+            for (i, &point) in column[..=degree[0]].iter().enumerate() {
+                rows[i * width + j] = point;
+            }
+        }
+        let mut points = Vec::with_capacity((degree[0] + 1) * (degree[1] + 1));
+        for row in rows.chunks_exact(width) {
+            points.extend_from_slice(&along_v.bezier(|j| row[j - along_v.first])[..=degree[1]]);
+        }
+        let domain = [0, 1].map(|axis| self.knots[axis].ends(self.knots[axis].span(at[axis])));
+        let steps = (degree[0] + degree[1]) as u32;
+        let (origin, is_rational, reach) = (self.origin, self.is_rational, self.reach);
+        BezierPatch { degree, domain, origin, points, is_rational, reach, steps }
+    }
+
+    /// All Bézier patches, v fastest.
+    pub fn pieces(&self) -> impl Iterator<Item = BezierPatch> + '_ {
+        let [rows, columns] = self.piece_counts();
+        (0..rows).flat_map(move |i| (0..columns).map(move |j| self.piece([i, j])))
+    }
+}
+
+/// A span of one direction.
+struct Piece<'a> {
+    knots: &'a Knots,
+    /// First knot of the span.
+    k: usize,
+    /// First knot of the span before, from which the first control point is made: unless the surface is torn.
+    before: Option<usize>,
+    /// Indices of the first and last control point that the piece depends on.
+    first: usize,
+    last: usize,
+}
+
+impl<'a> Piece<'a> {
+    fn of(knots: &'a Knots, at: usize) -> Self {
+        let k = knots.span(at);
+        let before = at.checked_sub(1).map(|at| knots.span(at)).filter(|before| k - before <= knots.degree());
+        Self { knots, k, before, first: before.unwrap_or(k) - knots.degree(), last: k }
+    }
+
+    /// The Bézier points of the span, of a line whose control points `line` returns by their index.
+    fn bezier(&self, line: impl Fn(usize) -> DVec4) -> Line {
+        let (p, mut out) = (self.knots.degree(), [DVec4::ZERO; MOST]);
+        for (at, point) in out[..=p].iter_mut().enumerate() {
+            *point = match self.before {
+                // The same bits as in the piece before.
+                Some(before) if at == 0 => blossom(self.knots, before, p, &line),
+                _ => blossom(self.knots, self.k, at, &line),
+            };
+        }
+        out
+    }
+}
+
+/// The blossom of the span that begins at knot `k`, at its end `ends` times and at its begin otherwise: a Bézier point
+/// of the span. All interpolations are convex, and exact where a weight is 0.
+fn blossom(knots: &Knots, k: usize, ends: usize, line: impl Fn(usize) -> DVec4) -> DVec4 {
+    let (p, around, [begin, end]) = (knots.degree(), knots.around(k), knots.ends(k));
+    let mut points: Line = [DVec4::ZERO; MOST];
+    for (i, point) in points[..=p].iter_mut().enumerate() {
+        *point = line(k - p + i);
+    }
+    for level in 1..=p {
+        let t = if level <= ends { end } else { begin };
+        for j in (level..=p).rev() {
+            let (lower, upper) = (around[j - 1], around[j + p - level]);
+            let share = (t - lower) / (upper - lower);
+            points[j] = points[j - 1] * ((upper - t) / (upper - lower)) + points[j] * share;
+        }
+    }
+    points[p]
+}

@@ -1,0 +1,95 @@
+//! Smooth surfaces of an input.
+
+pub use crate::geom::surface::dice::{Dicing, MOST_LEVEL};
+use crate::base::error::{Error, Result};
+use crate::base::progress::Cancel;
+use crate::geom::surface::cage::{Cage, CageDesc, CageQuads};
+use crate::geom::surface::dice::{Micro, dice};
+use crate::geom::surface::nurbs::{Nurbs, NurbsDesc, NurbsQuads};
+use glam::DVec3;
+
+/// A subdivision surface: its cage, and the parts of its faces.
+#[derive(Clone, Copy)]
+pub struct CageMesh<'a> {
+    /// Faces and rules.
+    pub desc: CageDesc<'a>,
+    /// The vertices of the cage.
+    pub positions: &'a [DVec3],
+    /// The part of each face, or one for all.
+    pub parts: &'a [u32],
+}
+
+/// Tolerance of surfaces for which none is asked, as a fraction of the greatest extent of its control points.
+pub const TOLERANCE: f64 = 1.0 / 2048.0;
+
+impl CageMesh<'_> {
+    /// Dices the limit surface. `emit` receives the triangles of a part; those of a face follow each other, and faces
+    /// are in ascending order. `dicing`: `None` for [`TOLERANCE`].
+    ///
+    /// Fails with `BadArgument`, which names the face, edge or vertex that is wrong, and with the errors of `emit`.
+    pub fn dice(
+        &self,
+        dicing: Option<Dicing>,
+        cancel: &Cancel,
+        emit: &mut dyn FnMut(u32, &Micro) -> Result<()>,
+    ) -> Result<()> {
+        let faces = self.desc.face_sizes.len();
+        if self.parts.len() != faces && self.parts.len() != 1 {
+            return Err(Error::BadArgument(format!("cage: {faces} faces, but {} parts", self.parts.len())));
+        }
+        if let Some(i) = self.positions.iter().position(|it| !it.is_finite()) {
+            return Err(Error::BadArgument(format!("cage: vertex {i} is not finite")));
+        }
+        let cage = Cage::new(&self.desc, self.positions.len())?;
+        let part = |face: u32| self.parts[if self.parts.len() == 1 { 0 } else { face as usize }];
+        let quads = CageQuads::new(&cage, self.positions)?;
+        dice(&quads, or_default(dicing, self.positions), &mut |quad, micro| {
+            cancel.check()?;
+            emit(part(quads.face(quad)), micro)
+        })
+    }
+}
+
+/// A NURBS surface of one part.
+#[derive(Clone, Copy)]
+pub struct NurbsMesh<'a> {
+    /// Knots, control points and weights.
+    pub desc: NurbsDesc<'a>,
+    /// The normal is against du × dv, and the triangles are clockwise along it.
+    pub is_reversed: bool,
+    /// A part, or a local part of a shared mesh.
+    pub part: u32,
+}
+
+impl NurbsMesh<'_> {
+    /// Dices the surface as [`CageMesh::dice`] does. It is closed where its first and last control points are the same.
+    ///
+    /// Fails with `BadArgument`, which names the argument that is wrong, and with the errors of `emit`.
+    pub fn dice(
+        &self,
+        dicing: Option<Dicing>,
+        cancel: &Cancel,
+        emit: &mut dyn FnMut(u32, &Micro) -> Result<()>,
+    ) -> Result<()> {
+        let surface = Nurbs::new(&self.desc)?;
+        let mut turned = Micro::default();
+        dice(&NurbsQuads::new(&surface), or_default(dicing, self.desc.points), &mut |_, micro| {
+            cancel.check()?;
+            if !self.is_reversed {
+                return emit(self.part, micro);
+            }
+            turned.positions.clear();
+            turned.positions.extend(micro.positions.iter().map(|[a, b, c]| [*a, *c, *b]));
+            turned.normals.clear();
+            turned.normals.extend(micro.normals.iter().map(|[a, b, c]| [-a, -c, -b]));
+            emit(self.part, &turned)
+        })
+    }
+}
+
+/// `dicing`, or the default for a surface with these control points.
+fn or_default(dicing: Option<Dicing>, points: &[DVec3]) -> Dicing {
+    let all = points.iter();
+    let (low, high) = all.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(a, b), p| (a.min(*p), b.max(*p)));
+    dicing.unwrap_or_else(|| Dicing::Tolerance(((high - low).max_element() * TOLERANCE).max(f64::MIN_POSITIVE)))
+}
