@@ -168,6 +168,16 @@ impl Cage {
         self.vertex_sharpness[vertex as usize]
     }
 
+    /// The rule for semi-sharp edges.
+    pub fn creasing(&self) -> Creasing {
+        self.creasing
+    }
+
+    /// The rule for triangles.
+    pub fn triangles(&self) -> TriangleRule {
+        self.triangles
+    }
+
     /// Quads that the surface of a face is parametrised by: one for a quad, else one a corner.
     pub fn quads_of(&self, face: u32) -> u32 {
         match self.topology.face_size(face) {

@@ -89,7 +89,7 @@ impl Cage {
         let weight = if child_rule == rule {
             1.0
         } else {
-            f64::from(transition(own, decremented(own), sharpness().zip(children()), self.creasing))
+            transition(own, decremented(own), sharpness().zip(children()), self.creasing)
         };
         self.add_rule(vertex, rule, sharpness(), weight, row);
         if weight < 1.0 {

@@ -1,12 +1,23 @@
 //! Catmull-Clark cages: subdivision by the rules of OpenSubdiv 3.5, and their limit surface.
 
+mod around;
+mod bicubic;
 mod desc;
 mod level;
+mod limit;
 mod masks;
+mod pattern;
+mod plan;
 mod refine;
 mod rules;
+mod settled;
+mod sparse;
+mod surface;
 mod topology;
 
+pub use around::{Finder, Neighbourhood};
 pub use desc::{Boundary, CageDesc, Creasing, MAX_VALENCE, TriangleRule};
 pub use level::Cage;
+pub use plan::{Plan, Plans};
 pub use rules::INFINITE;
+pub use surface::{CageSurface, QuadSurface};

@@ -47,17 +47,26 @@ pub(super) fn decremented(sharpness: f32) -> f32 {
     if sharpness >= INFINITE { INFINITE } else { (sharpness - 1.0).max(0.0) }
 }
 
+/// The sum and number of sharpnesses. Fixed point, so that the order does not matter: neighbours see one vertex's edges
+/// in different orders, and their surfaces must meet.
+fn total(sharpness: impl Iterator<Item = f32>) -> (f64, usize) {
+    const UNIT: f64 = (1u64 << 40) as f64;
+    let (sum, count) = sharpness.fold((0u64, 0), |(sum, count), s| (sum + (f64::from(s) * UNIT) as u64, count + 1));
+    (sum as f64 / UNIT, count)
+}
+
 /// Sharpness of the child edge at a vertex. `around`: sharpness of all edges at the vertex.
 pub(super) fn child_sharpness(sharpness: f32, around: impl Iterator<Item = f32>, creasing: Creasing) -> f32 {
     if creasing == Creasing::Uniform || !is_semi_sharp(sharpness) {
         return decremented(sharpness);
     }
-    let (sum, count) = around.filter(|&s| is_semi_sharp(s)).fold((0.0, 0), |(sum, count), s| (sum + s, count + 1));
+    let (sum, count) = total(around.filter(|&s| is_semi_sharp(s)));
     if count < 2 {
         return decremented(sharpness);
     }
-    let others = (sum - sharpness) / (count - 1) as f32;
-    (0.75 * sharpness + 0.25 * others - 1.0).max(0.0)
+    let own = f64::from(sharpness);
+    let others = (sum - own) / (count - 1) as f64;
+    (0.75 * own + 0.25 * others - 1.0).max(0.0) as f32
 }
 
 /// Weight of the parent's rule where the child's rule is another one: the mean of the sharpnesses that run out between
@@ -67,13 +76,12 @@ pub(super) fn transition(
     vertex_child: f32,
     edges: impl Iterator<Item = (f32, f32)>,
     creasing: Creasing,
-) -> f32 {
+) -> f64 {
     let runs_out = |&(parent, child): &(f32, f32)| match creasing {
         Creasing::Uniform => parent > 0.0 && parent <= 1.0,
         Creasing::Chaikin => parent > 0.0 && child <= 0.0,
     };
     let vertex = (vertex > 0.0 && vertex_child <= 0.0).then_some(vertex);
-    let (sum, count) =
-        edges.filter(runs_out).map(|(parent, _)| parent).chain(vertex).fold((0.0, 0), |(s, n), x| (s + x, n + 1));
-    if count == 0 { 0.0 } else { (sum / count as f32).min(1.0) }
+    let (sum, count) = total(edges.filter(runs_out).map(|(parent, _)| parent).chain(vertex));
+    if count == 0 { 0.0 } else { (sum / count as f64).min(1.0) }
 }

@@ -1,0 +1,11 @@
+//! Parametric surfaces, compared with other libraries, closed forms and deep subdivision in double precision.
+
+mod common;
+#[path = "surfaces/bfr.rs"]
+mod bfr;
+#[path = "surfaces/deep.rs"]
+mod deep;
+#[path = "surfaces/refined.rs"]
+mod refined;
+#[path = "surfaces/shapes.rs"]
+mod shapes;
