@@ -24,6 +24,7 @@ mod pictures;
 mod ply;
 pub mod raw;
 mod stl;
+pub mod surfaces;
 #[cfg(test)]
 mod testing;
 mod text;
