@@ -91,7 +91,8 @@ pub unsafe extern "C" fn oc_build_add_nurbs(build: *mut oc_build, surface: *cons
             let (mesh, part) = input.target(it.mesh, it.part)?;
             let (knots_u, knots_v, points, weights) = (&knots_u[..], &knots_v[..], &points[..], weights.as_deref());
             let desc = NurbsDesc { degree, counts, knots_u, knots_v, points, weights };
-            Ok(input.builder.nurbs(mesh, &NurbsMesh { desc, is_reversed: it.reversed == 1, part })?)
+            let is_reversed = it.reversed == 1;
+            Ok(input.builder.nurbs(mesh, &NurbsMesh { desc, is_reversed, domain: None, extent: 0.0, part })?)
         })
     })
 }
