@@ -3,7 +3,7 @@
 use super::build::{oc_build, with_input};
 use super::guard::{Sized32, Strided, bad, boundary, read};
 use super::status::oc_status;
-use crate::geom::surface::nurbs::NurbsDesc;
+use crate::geom::surface::nurbs::{MAX_DEGREE, NurbsDesc};
 use crate::import::{NurbsMesh, Sink};
 use glam::DVec3;
 
@@ -79,9 +79,14 @@ pub unsafe extern "C" fn oc_build_add_nurbs(build: *mut oc_build, surface: *cons
         let (degree, counts) = ([it.degree_u, it.degree_v], [it.count_u, it.count_v]);
         let knots = |axis: usize| u64::from(counts[axis]) + u64::from(degree[axis]) + 1;
         let count = u64::from(it.count_u) * u64::from(it.count_v);
+        for (axis, name) in ["degree_u", "degree_v"].into_iter().enumerate() {
+            if !(1..=MAX_DEGREE).contains(&degree[axis]) {
+                return bad(format!("oc_nurbs.{name} is {}; it must be from 1 to {MAX_DEGREE}", degree[axis]));
+            }
+        }
+        let points: Vec<[f64; 3]> = Strided::copied(it.points.cast(), count, "oc_nurbs.points")?;
         let knots_u: Vec<f64> = Strided::copied(it.knots_u, knots(0), "oc_nurbs.knots_u")?;
         let knots_v: Vec<f64> = Strided::copied(it.knots_v, knots(1), "oc_nurbs.knots_v")?;
-        let points: Vec<[f64; 3]> = Strided::copied(it.points.cast(), count, "oc_nurbs.points")?;
         let points: Vec<DVec3> = points.into_iter().map(DVec3::from_array).collect();
         let weights = match it.weights.is_null() {
             true => None,

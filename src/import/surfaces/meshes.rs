@@ -23,7 +23,7 @@ pub struct CageMesh<'a> {
 pub const TOLERANCE: f64 = 1.0 / 2048.0;
 
 impl CageMesh<'_> {
-    /// Dices the limit surface. `emit` receives the triangles of a part; those of a face follow each other, and faces
+    /// Dices the limit surface. A level is that of the sides of faces, at least 1. `emit` receives the triangles of a part; those of a face follow each other, and faces
     /// are in ascending order. `dicing`: `None` for [`TOLERANCE`].
     ///
     /// Fails with `BadArgument`, which names the face, edge or vertex that is wrong, and with the errors of `emit`.
@@ -43,7 +43,12 @@ impl CageMesh<'_> {
         let cage = Cage::new(&self.desc, self.positions.len())?;
         let part = |face: u32| self.parts[if self.parts.len() == 1 { 0 } else { face as usize }];
         let quads = CageQuads::new(&cage, self.positions)?;
-        dice(&quads, or_default(dicing, extent(self.positions)), &mut |quad, micro| {
+        // The quads have half the sides of the faces.
+        let dicing = match or_default(dicing, extent(self.positions)) {
+            Dicing::Level(level) => Dicing::Level(level.saturating_sub(1)),
+            tolerance => tolerance,
+        };
+        dice(&quads, dicing, &mut |quad, micro| {
             cancel.check()?;
             emit(part(quads.face(quad)), micro)
         })
