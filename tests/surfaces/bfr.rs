@@ -4,7 +4,7 @@
 use super::deep;
 use super::shapes::{Shape, own, parsed};
 use glam::DVec3;
-use outcrop::geom::surface::cage::CageSurface;
+use outcrop::geom::surface::cage::CagePatches;
 
 struct Record {
     face: u32,
@@ -85,11 +85,11 @@ struct Differences {
 const APPROXIMATED: f64 = 1.0 / 256.0;
 
 fn compare(shape: &Shape, records: &[Record]) -> Differences {
-    let surface = CageSurface::new(&shape.cage(), &shape.points).unwrap();
+    let surface = CagePatches::new(&shape.cage(), &shape.points).unwrap();
     let mut most = Differences::default();
     let extent = shape.extent();
     for r in records {
-        let p = surface.evaluate(r.face, r.corner, r.u, r.v).unwrap();
+        let p = surface.evaluate(r.face, r.corner, r.u, r.v);
         let expected = r.du.cross(r.dv).normalize_or_zero();
         let (position, normal) = (p.position.distance(r.position) / extent, p.normal().distance(expected));
         if [r.u, r.v].iter().any(|&t| t.min(1.0 - t) > APPROXIMATED) {

@@ -34,7 +34,8 @@ fn meets_baseline(name: &str, level: usize) {
     let (Some(shape), Some(expected)) = (model(name), model(&baseline)) else { return };
     let (cage, points) = refined(&shape, level + 1);
     assert_eq!(cage.face_count(), expected.sizes.len(), "{name}: faces");
-    let used: std::collections::BTreeSet<u32> = (0..cage.face_count() as u32).flat_map(|f| cage.face(f).to_vec()).collect();
+    let used: std::collections::BTreeSet<u32> =
+        (0..cage.face_count() as u32).flat_map(|f| cage.face(f).to_vec()).collect();
     let points: Vec<DVec3> = used.iter().map(|&v| points[v as usize]).collect();
     assert_eq!(points.len(), expected.points.len(), "{name}: vertices");
     let there = farthest(&points, &expected.points, 1e-3);

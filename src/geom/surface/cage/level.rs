@@ -204,7 +204,9 @@ fn face_starts(desc: &CageDesc, vertices: usize) -> Result<Vec<u32>> {
     let mut sum = 0u64;
     for (face, &size) in desc.face_sizes.iter().enumerate() {
         if !(3..=MAX_VALENCE as u32).contains(&size) {
-            return Err(Error::bad_argument(format!("face {face} has {size} corners: 3 to {MAX_VALENCE} are possible")));
+            return Err(Error::bad_argument(format!(
+                "face {face} has {size} corners: 3 to {MAX_VALENCE} are possible"
+            )));
         }
         sum += u64::from(size);
         if sum > desc.indices.len() as u64 {

@@ -2,12 +2,16 @@
 
 mod around;
 mod bicubic;
+mod bounds;
 mod desc;
+mod evaluate;
 mod level;
 mod limit;
 mod masks;
+mod patches;
 mod pattern;
 mod plan;
+mod quads;
 mod refine;
 mod rules;
 mod settled;
@@ -18,6 +22,8 @@ mod topology;
 pub use around::{Finder, Neighbourhood};
 pub use desc::{Boundary, CageDesc, Creasing, MAX_VALENCE, TriangleRule};
 pub use level::Cage;
+pub use patches::CagePatches;
 pub use plan::{Plan, Plans};
+pub use quads::CageQuads;
 pub use rules::INFINITE;
-pub use surface::{CageSurface, QuadSurface};
+pub use surface::QuadSurface;

@@ -39,6 +39,10 @@ pub struct Plan {
     pub(super) nodes: Vec<Node>,
     pub(super) lists: Vec<u32>,
     pub(super) patterns: Vec<Arc<Pattern>>,
+    /// Levels of stored points.
+    pub(super) depth: u32,
+    /// Most points in a sum.
+    pub(super) longest: u32,
 }
 
 impl Plan {
@@ -126,7 +130,7 @@ impl<'a> Builder<'a> {
         let (rows, lists, patterns) = (Rows::default(), Vec::new(), Vec::new());
         let nodes = vec![Node::Split(0)];
         let vertices = neighbourhood.vertices;
-        let plan = Plan { vertices, rows, nodes, lists, patterns };
+        let plan = Plan { vertices, rows, nodes, lists, patterns, depth: 0, longest: 0 };
         let (active, walk, points) = (Vec::new(), Vec::new(), (0..vertices).collect());
         Builder { known, used: HashMap::new(), plan, level: neighbourhood.cage(), points, active, walk }
     }
@@ -155,6 +159,7 @@ impl<'a> Builder<'a> {
     fn deeper(&mut self) -> Cage {
         let faces: Vec<u32> = self.active.iter().map(|active| active.face).collect();
         let (part, vertices) = self.level.around(&faces);
+        self.plan.depth += 1;
         self.points = vertices.iter().map(|&vertex| self.points[vertex as usize]).collect();
         let first = self.plan.points() as u32;
         let (count, edges) = (part.vertex_count() as u32, part.child_of_edge(0));
@@ -266,6 +271,9 @@ impl<'a> Builder<'a> {
             }
         }
         self.plan.lists.iter_mut().for_each(|point| *point = number[*point as usize]);
+        let patterns =
+            self.plan.patterns.iter().flat_map(|pattern| [pattern.ring.longest(), pattern.children.longest()]);
+        self.plan.longest = patterns.fold(kept.longest(), usize::max) as u32;
         self.plan.rows = kept;
     }
 }
