@@ -1,7 +1,6 @@
 //! Sizes and offsets of every struct, told by Rust and asserted by C.
 
 use outcrop::capi::build::oc_build_desc;
-use outcrop::capi::cages::oc_cage;
 use outcrop::capi::clash::{oc_clash, oc_clash_desc, oc_clash_summary};
 use outcrop::capi::contents::{oc_material, oc_part};
 use outcrop::capi::context::{oc_context_desc, oc_executor};
@@ -24,6 +23,7 @@ use outcrop::capi::report::oc_build_report;
 use outcrop::capi::resolve::oc_resolved;
 use outcrop::capi::scene::{oc_background, oc_light};
 use outcrop::capi::triangles::oc_triangles;
+use outcrop::capi::cages::oc_cage;
 use outcrop::capi::view::oc_camera;
 use std::collections::BTreeMap;
 use std::mem::{offset_of, size_of};

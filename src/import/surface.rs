@@ -1,9 +1,9 @@
 //! Smooth surfaces of an input.
 
+pub use crate::geom::surface::dice::{Dicing, MOST_LEVEL};
 use crate::base::error::{Error, Result};
 use crate::base::progress::Cancel;
 use crate::geom::surface::cage::{Cage, CageDesc, CageQuads};
-pub use crate::geom::surface::dice::{Dicing, MOST_LEVEL};
 use crate::geom::surface::dice::{Micro, dice};
 use crate::geom::surface::nurbs::{Nurbs, NurbsDesc, NurbsQuads};
 use glam::DVec3;

@@ -18,6 +18,8 @@ mod settled;
 mod sparse;
 mod surface;
 mod topology;
+#[cfg(test)]
+mod tests;
 
 pub use around::{Finder, Neighbourhood};
 pub use desc::{Boundary, CageDesc, Creasing, MAX_VALENCE, TriangleRule};

@@ -57,7 +57,7 @@ impl Cage {
     }
 
     /// The sector of a corner, or `None` if something at the vertex is semi-sharp or a face there is no quad.
-    fn sector(&self, h: u32, walk: &mut Vec<u32>) -> Option<Sector> {
+    pub(super) fn sector(&self, h: u32, walk: &mut Vec<u32>) -> Option<Sector> {
         let topology = &self.topology;
         let vertex = topology.corners[h as usize];
         let quads = |&h: &u32| topology.face_size(topology.corner_face[h as usize]) == 4;
