@@ -16,6 +16,13 @@ const MAX_LEVEL: u32 = 30;
 /// Levels around an irregular vertex, below that of the part, whose bicubic parts are enclosed one by one.
 const FINER: u32 = 4;
 
+/// The common part of an interval with a half of 0 to 1, in parameters of the half.
+fn half([a, b]: [f64; 2], upper: bool) -> Option<[f64; 2]> {
+    let offset = f64::from(u8::from(upper));
+    let (a, b) = ((2.0 * a - offset).max(0.0), (2.0 * b - offset).min(1.0));
+    (a < b).then_some([a, b])
+}
+
 /// A rectangle of parameters.
 #[derive(Debug, Clone, Copy)]
 struct Part {
@@ -26,13 +33,17 @@ struct Part {
 impl Part {
     /// The common part with a quarter, in the quarter's own parameters.
     fn within(self, quarter: usize) -> Option<Part> {
-        let clipped = |[a, b]: [f64; 2], upper: bool| {
-            let offset = f64::from(u8::from(upper));
-            let (a, b) = ((2.0 * a - offset).max(0.0), (2.0 * b - offset).min(1.0));
-            (a < b).then_some([a, b])
-        };
         let (right, upper) = (quarter == 1 || quarter == 2, quarter >= 2);
-        Some(Part { u: clipped(self.u, right)?, v: clipped(self.v, upper)? })
+        Some(Part { u: half(self.u, right)?, v: half(self.v, upper)? })
+    }
+
+    /// The common part with v ≥ 1/2, all of u, in parameters of this half.
+    fn far_half(self) -> Option<Part> {
+        Some(Part { u: self.u, v: half(self.v, true)? })
+    }
+
+    fn near_half(self) -> Option<Part> {
+        Some(Part { u: self.u, v: half(self.v, false)? })
     }
 
     fn turned(self, corner: u32) -> Part {
@@ -60,6 +71,18 @@ pub(super) fn bounds(plan: &Plan, point: impl Fn(u32) -> DVec3, level: u32, i: u
                 todo.extend(quarters);
             }
             Node::Regular(list) => found = around(found, &bezier(&plan.patch(list, &point), part.u, part.v)),
+            Node::Creased(list, patches, side) => {
+                let mut part = part.turned(side);
+                for patch in 0..patches {
+                    let points = plan.patch(list + 16 * patch, &point);
+                    let inside = if patch + 1 < patches { part.far_half() } else { Some(part) };
+                    if let Some(part) = inside {
+                        found = around(found, &bezier(&points, part.u, part.v));
+                    }
+                    let Some(near) = part.near_half() else { break };
+                    part = near;
+                }
+            }
             Node::Irregular(list, pattern, corner) => {
                 let pattern = &plan.patterns[pattern as usize];
                 found = near_vertex(found, pattern, plan.ring(list, pattern, &point), part.turned(corner));

@@ -21,6 +21,12 @@ pub(super) fn evaluate(plan: &Plan, point: impl Fn(u32) -> DVec3, u: f64, v: f64
                 scale *= 2.0;
             }
             Node::Regular(list) => return scaled(bicubic::evaluate(&plan.patch(list, &point), u, v), scale),
+            Node::Creased(list, patches, side) => {
+                let (u, v) = to_corner(u, v, side);
+                let (patch, v, across) = across_crease(patches, v);
+                let found = bicubic::evaluate(&plan.patch(list + 16 * patch, &point), u, v);
+                return scaled(from_corner(scaled_across(found, across), side), scale);
+            }
             Node::Irregular(list, pattern, corner) => {
                 let pattern = &plan.patterns[pattern as usize];
                 let (u, v) = to_corner(u, v, corner);
@@ -68,6 +74,24 @@ fn scaled(p: SurfacePoint, scale: f64) -> SurfacePoint {
         dvv: p.dvv * square,
         ..p
     }
+}
+
+/// The patch at a distance from a crease, the parameter in it, and how many times as fast that runs.
+fn across_crease(patches: u32, mut v: f64) -> (u32, f64, f64) {
+    let mut scale = 1.0;
+    for patch in 0..patches - 1 {
+        v *= 2.0;
+        scale *= 2.0;
+        if v >= 1.0 {
+            return (patch, v - 1.0, scale);
+        }
+    }
+    (patches - 1, v, scale)
+}
+
+/// [`scaled`] for v alone.
+fn scaled_across(p: SurfacePoint, scale: f64) -> SurfacePoint {
+    SurfacePoint { dv: p.dv * scale, duv: p.duv * scale, dvv: p.dvv * (scale * scale), ..p }
 }
 
 /// Parameters of the quad turned so that it begins at `corner`.

@@ -3,6 +3,7 @@
 mod around;
 mod bicubic;
 mod bounds;
+mod crease;
 mod desc;
 mod evaluate;
 mod level;

@@ -99,6 +99,12 @@ impl CagePatches {
         }
     }
 
+    /// Bytes of memory, without those of plans, which quads share.
+    pub fn memory(&self) -> usize {
+        let vectors = (self.positions.capacity() + self.points.capacity()) * size_of::<DVec3>();
+        vectors + self.quads.capacity() * size_of::<Quad>() + (self.first.capacity() + self.vertices.capacity()) * 4
+    }
+
     fn vertex_of(&self, quad: &Quad) -> impl Fn(u32) -> DVec3 + '_ {
         let vertices = &self.vertices[quad.first..quad.first + quad.plan.points()];
         |i| self.positions[vertices[i as usize] as usize]

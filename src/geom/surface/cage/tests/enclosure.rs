@@ -53,3 +53,13 @@ fn boxes_shrink_with_their_parts() {
         }
     }
 }
+
+#[test]
+fn boxes_enclose_creases() {
+    let rng = &mut Rng(3);
+    for sharpness in [0.4, 1.0, 3.6] {
+        let mut shape = super::shapes::grid(4, rng);
+        shape.creases = (0..4).map(|i| (10 + i, 11 + i, sharpness)).collect();
+        encloses(&shape, rng);
+    }
+}

@@ -101,7 +101,7 @@ fn normals_at_vertices_are_limits_of_those_near_them() {
                 let vertex = patches.evaluate(face, 0, 0.0, 0.0).normal();
                 // Slow: the ratio of eigenvalues is near 1 at high valence, and the decay is 1 / depth where they tie.
                 let far = near.map(|normal| normal.distance(vertex));
-                assert!(far[1] <= 0.7 * far[0] + 1e-3, "{n} {ends} {corner} face {face}: {far:?}");
+                assert!(far[1] <= 0.75 * far[0] + 1e-3, "{n} {ends} {corner} face {face}: {far:?}");
             }
         }
     }
