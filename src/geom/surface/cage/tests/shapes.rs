@@ -91,7 +91,10 @@ pub fn tangle(rng: &mut Rng) -> Shape {
     for _ in 0..1 + rng.below(14) {
         let mut left: Vec<u32> = (0..vertices).collect();
         let size = (3 + rng.below(4)).min(vertices);
-        let face: Vec<u32> = (0..size).map(|_| left.swap_remove(rng.below(left.len() as u32) as usize)).collect();
+        let mut face: Vec<u32> = (0..size).map(|_| left.swap_remove(rng.below(left.len() as u32) as usize)).collect();
+        if rng.below(12) == 0 {
+            face[rng.below(size) as usize] = face[0];
+        }
         shape.add(&face);
         if rng.below(2) == 0 {
             shape.creases.push((face[0], face[1], [0.3, 1.0, 2.5, 10.0, f32::INFINITY][rng.below(5) as usize]));
