@@ -4,7 +4,7 @@
 use super::deep;
 use super::shapes::{Shape, own, parsed};
 use glam::DVec3;
-use outcrop::geom::surface::cage::CageSurface;
+use outcrop::geom::surface::cage::CagePatches;
 
 struct Record {
     face: u32,
@@ -84,18 +84,22 @@ struct Differences {
 /// quads are a level deeper, and once more since a point on the rim belongs to either side.
 const APPROXIMATED: f64 = 1.0 / 256.0;
 
+/// Most points of a cage that are compared with deep subdivision.
+const MOST_DEEP: usize = 300;
+
 fn compare(shape: &Shape, records: &[Record]) -> Differences {
-    let surface = CageSurface::new(&shape.cage(), &shape.points).unwrap();
+    let surface = CagePatches::new(&shape.cage(), &shape.points).unwrap();
     let mut most = Differences::default();
     let extent = shape.extent();
-    for r in records {
-        let p = surface.evaluate(r.face, r.corner, r.u, r.v).unwrap();
+    let step = records.len() / MOST_DEEP + 1;
+    for (i, r) in records.iter().enumerate() {
+        let p = surface.evaluate(r.face, r.corner, r.u, r.v);
         let expected = r.du.cross(r.dv).normalize_or_zero();
         let (position, normal) = (p.position.distance(r.position) / extent, p.normal().distance(expected));
         if [r.u, r.v].iter().any(|&t| t.min(1.0 - t) > APPROXIMATED) {
             most.bfr.add(position, normal);
             most.derivative = most.derivative.max(p.du.distance(r.du) / r.du.length());
-        } else {
+        } else if i % step == 0 {
             let deep = deep::limit(shape, r.face, r.corner, r.u, r.v);
             most.deep.add(p.position.distance(deep.position) / extent, p.normal().distance(deep.normal));
             most.bfr_from_deep.add(r.position.distance(deep.position) / extent, expected.distance(deep.normal));

@@ -19,7 +19,7 @@ pub struct Neighbourhood {
     pub(super) corners: Vec<u32>,
     /// Bits of the sharpness of each corner's edge, if it has a vertex of the first face, else 0.
     pub(super) edges: Vec<u32>,
-    /// Bits of the sharpness of the vertices of the first face.
+    /// Bits of the sharpness of the vertices at the first face's corners.
     pub(super) sharpness: Vec<u32>,
 }
 
@@ -95,7 +95,7 @@ impl<'a> Finder<'a> {
         found.vertices = vertices.len() as u32;
         found.rules = u32::from(self.cage.creasing == Creasing::Chaikin)
             | u32::from(self.cage.triangles == TriangleRule::Smooth) << 1;
-        self.add_sharpness(size, found, vertices);
+        self.add_sharpness(first, found);
         vertices.iter().for_each(|&vertex| self.number_of_vertex[vertex as usize] = NONE);
         self.faces.drain(..).for_each(|h| self.seen[topology.corner_face[h as usize] as usize] = false);
     }
@@ -121,17 +121,20 @@ impl<'a> Finder<'a> {
         }
     }
 
-    fn add_sharpness(&self, size: u32, found: &mut Neighbourhood, vertices: &[u32]) {
+    fn add_sharpness(&self, first: u32, found: &mut Neighbourhood) {
         let topology = &self.cage.topology;
+        let own = |step: u32| topology.corners[topology.ahead(first, step) as usize];
+        let size = topology.face_size(topology.corner_face[first as usize]);
         found.sharpness.clear();
-        let own = vertices[..size as usize].iter();
-        found.sharpness.extend(own.map(|&vertex| self.cage.vertex_sharpness[vertex as usize].to_bits()));
+        found.sharpness.extend((0..size).map(|step| self.cage.vertex_sharpness[own(step) as usize].to_bits()));
+        // The first face's vertices have the first numbers.
+        let last = found.corners[..size as usize].iter().copied().max().unwrap_or(0);
         found.edges.clear();
         for &first in &self.faces {
             for step in 0..topology.face_size(topology.corner_face[first as usize]) {
                 let edge = topology.corner_edge[topology.ahead(first, step) as usize];
                 let ends = topology.edges[edge as usize];
-                let matters = ends.iter().any(|&end| self.number_of_vertex[end as usize] < size);
+                let matters = ends.iter().any(|&end| self.number_of_vertex[end as usize] <= last);
                 found.edges.push(if matters { self.cage.edge_sharpness[edge as usize].to_bits() } else { 0 });
             }
         }

@@ -11,7 +11,7 @@ const MAX_COUNT: usize = (u32::MAX / 4) as usize;
 /// Topology and sharpness of a polygon mesh, which is the control mesh of a Catmull-Clark surface, or a level of its
 /// subdivision. It has no positions, so that key frames share it.
 ///
-/// Invariants: faces have 3 to [`MAX_VALENCE`] different corners; sharpness is 0 to [`INFINITE`]; boundary and
+/// Invariants: faces have 3 to [`MAX_VALENCE`] corners; sharpness is 0 to [`INFINITE`]; boundary and
 /// non-manifold features are infinitely sharp already.
 #[derive(Debug, Clone)]
 pub struct Cage {
@@ -27,11 +27,12 @@ pub struct Cage {
 impl Cage {
     /// The cage of a description with `vertices` vertices.
     ///
-    /// Non-manifold edges (of more than two faces, or of two faces of opposite orientation) and vertices are sharp.
+    /// Non-manifold edges (of more than two faces, of two faces of opposite orientation, twice in a face, or from a vertex
+    /// to itself) and vertices are infinitely sharp.
     ///
     /// # Errors
     /// [`Error::BadArgument`] names the face, edge or vertex: a face of fewer than 3 or more than [`MAX_VALENCE`]
-    /// corners, with a vertex out of range or with a repeated one; a vertex with more than [`MAX_VALENCE`] faces or
+    /// corners, or with a vertex out of range; a vertex with more than [`MAX_VALENCE`] faces or
     /// edges; a crease on no edge; sharpness that is negative or no number; a hole that is no face; counts that differ
     /// or are too large.
     pub fn new(desc: &CageDesc, vertices: usize) -> Result<Cage> {
@@ -118,15 +119,11 @@ impl Cage {
         for vertex in 0..topology.vertices() as u32 {
             let (faces, edges) = (topology.corners_at(vertex).len(), topology.edges_at(vertex));
             let single = faces == 1 && edges.len() == 2;
-            let sharp = if single {
-                boundary == Boundary::EdgeAndCorner
-            } else {
-                let non_manifold = edges.iter().filter(|&&edge| topology.edge_is_non_manifold(edge)).count();
-                let open = edges.iter().any(|&edge| topology.corners_of_edge(edge).len() < 2);
-                let on_crease = non_manifold == 2 && !open && faces > edges.len();
-                !topology.vertex_is_manifold(vertex, &mut walk) && !on_crease
-            };
-            if sharp {
+            let non_manifold = edges.iter().filter(|&&edge| topology.edge_is_non_manifold(edge)).count();
+            let open = edges.iter().any(|&edge| topology.corners_of_edge(edge).len() < 2);
+            let on_crease = non_manifold == 2 && !open && faces > edges.len();
+            let sharp = !topology.vertex_is_manifold(vertex, &mut walk) && !on_crease;
+            if sharp || single && boundary == Boundary::EdgeAndCorner {
                 self.vertex_sharpness[vertex as usize] = INFINITE;
             }
         }
@@ -222,18 +219,11 @@ fn face_starts(desc: &CageDesc, vertices: usize) -> Result<Vec<u32>> {
 }
 
 fn check_faces(indices: &[u32], face_start: &[u32], vertices: usize) -> Result<()> {
-    // The last face in which each vertex was seen, plus one.
-    let mut seen = vec![0u32; vertices];
     for (face, ends) in face_start.windows(2).enumerate() {
-        for &vertex in &indices[ends[0] as usize..ends[1] as usize] {
-            let Some(seen) = seen.get_mut(vertex as usize) else {
-                let why = format!("face {face}: vertex {vertex}, but the cage has {vertices} vertices");
-                return Err(Error::bad_argument(why));
-            };
-            if *seen == face as u32 + 1 {
-                return Err(Error::bad_argument(format!("face {face}: vertex {vertex} is at two of its corners")));
-            }
-            *seen = face as u32 + 1;
+        let corners = &indices[ends[0] as usize..ends[1] as usize];
+        if let Some(vertex) = corners.iter().find(|&&vertex| vertex as usize >= vertices) {
+            let why = format!("face {face}: vertex {vertex}, but the cage has {vertices} vertices");
+            return Err(Error::bad_argument(why));
         }
     }
     Ok(())

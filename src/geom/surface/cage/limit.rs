@@ -131,14 +131,16 @@ impl Ring {
         mask
     }
 
-    /// Two vectors at an open sector, of which `ends` are those along e₀ and e_k and `inwards` is the mode that all
-    /// inner edges share. The second mode of those decides at inner faces: it decays more slowly than 1/2 from k = 5.
+    /// Two vectors at an open sector of three faces or more: `inwards`, the mode that all inner edges share, and the one
+    /// that decays next, to which the normals inside of the faces tend. From five faces this is the second mode; with
+    /// four it ties with the boundary's 1/2 and feeds it. With three the boundary decides, and at sharp vertices its two
+    /// edges, `ends`, do so for faces of their own.
     fn spanning(&self, ends: [Vec<f64>; 2], inwards: Vec<f64>, own: f64) -> (Vec<f64>, Vec<f64>) {
         let [first, last] = ends;
-        match self.sector.position as usize {
-            0 => (first, inwards),
-            i if i + 1 == self.faces() => (inwards, last),
-            _ if self.faces() < 5 => (self.along_boundary(), inwards),
+        match (self.faces(), self.sector.position) {
+            (3, 0) => (first, inwards),
+            (3, 2) => (inwards, last),
+            (3 | 4, _) => (self.along_boundary(), inwards),
             _ => (self.sine(2, own), inwards),
         }
     }
@@ -155,8 +157,8 @@ impl Ring {
             let (du, dv) = (self.spoke(0), self.spoke(1));
             return Masks { position, du, dv };
         }
-        let back = along.iter().map(|x| -x).collect();
-        let (du, dv) = self.spanning([along, back], self.sine(1, 0.75), 0.75);
+        let (inwards, back) = (self.sine(1, 0.75), along.iter().map(|x| -x).collect());
+        let (du, dv) = self.spanning([along, back], inwards, 0.75);
         Masks { position, du, dv }
     }
 

@@ -2,10 +2,14 @@
 
 mod around;
 mod bicubic;
+mod bounds;
+mod crease;
 mod desc;
+mod evaluate;
 mod level;
 mod limit;
 mod masks;
+mod patches;
 mod pattern;
 mod plan;
 mod quads;
@@ -15,11 +19,14 @@ mod settled;
 mod sparse;
 mod surface;
 mod topology;
+#[cfg(test)]
+mod tests;
 
 pub use around::{Finder, Neighbourhood};
 pub use desc::{Boundary, CageDesc, Creasing, MAX_VALENCE, TriangleRule};
 pub use level::Cage;
+pub use patches::CagePatches;
 pub use plan::{Plan, Plans};
 pub use quads::CageQuads;
 pub use rules::INFINITE;
-pub use surface::{CageSurface, QuadSurface};
+pub use surface::QuadSurface;

@@ -5,6 +5,7 @@
 //! approximation, but where the rest repeats (`pattern`).
 
 use super::around::Neighbourhood;
+use super::crease::{Strip, strips};
 use super::level::Cage;
 use super::masks::Row;
 use super::pattern::Pattern;
@@ -29,6 +30,9 @@ pub(super) enum Node {
     Regular(u32),
     /// The first of a ring's numbers of points, the pattern, and the irregular corner.
     Irregular(u32, u32, u32),
+    /// The first of 16 numbers for each of the patches along a crease, how many there are, and the side of the crease.
+    /// Patch i spans the distances from it of 2^−(i + 1) to 2^−i, the last one the rest.
+    Creased(u32, u32, u32),
 }
 
 /// The subdivision of a neighbourhood's quad. Points are numbered: the neighbourhood's vertices, then one a row.
@@ -39,6 +43,10 @@ pub struct Plan {
     pub(super) nodes: Vec<Node>,
     pub(super) lists: Vec<u32>,
     pub(super) patterns: Vec<Arc<Pattern>>,
+    /// Levels of stored points.
+    pub(super) depth: u32,
+    /// Most points in a sum.
+    pub(super) longest: u32,
 }
 
 impl Plan {
@@ -115,10 +123,12 @@ struct Builder<'a> {
     used: HashMap<Sector, u32>,
     plan: Plan,
     /// The cage of the level and the number of each of its points.
-    level: Cage,
+    level: Arc<Cage>,
     points: Vec<u32>,
     active: Vec<Active>,
     walk: Vec<u32>,
+    /// Most patches along a crease.
+    creases: u32,
 }
 
 impl<'a> Builder<'a> {
@@ -126,21 +136,18 @@ impl<'a> Builder<'a> {
         let (rows, lists, patterns) = (Rows::default(), Vec::new(), Vec::new());
         let nodes = vec![Node::Split(0)];
         let vertices = neighbourhood.vertices;
-        let plan = Plan { vertices, rows, nodes, lists, patterns };
+        let plan = Plan { vertices, rows, nodes, lists, patterns, depth: 0, longest: 0 };
         let (active, walk, points) = (Vec::new(), Vec::new(), (0..vertices).collect());
-        Builder { known, used: HashMap::new(), plan, level: neighbourhood.cage(), points, active, walk }
+        Builder { known, used: HashMap::new(), plan, level: Arc::new(neighbourhood.cage()), points, active, walk, creases: 0 }
     }
 
     fn built(mut self) -> Result<Plan> {
-        // A face of other than four corners becomes quads first, and the neighbourhood begins at the corner of this one.
+        // Other faces than quads become quads first, and the neighbourhood begins at the corner of this one.
         if self.level.topology.face_size(0) != 4 {
-            self.active = vec![Active { face: 0, node: 0, left: STORED }];
-            let part = self.deeper();
-            self.settle(&part, 0, 0, STORED)?;
-        } else {
-            let level = self.level.clone();
-            self.settle(&level, 0, 0, STORED)?;
+            self.active.push(Active { face: 0, node: 0, left: STORED });
+            self.deeper();
         }
+        self.settle(0, 0, STORED)?;
         for _ in 0..MAX_LEVELS {
             if self.active.is_empty() {
                 self.prune();
@@ -152,9 +159,10 @@ impl<'a> Builder<'a> {
     }
 
     /// Goes one level down around the active quads, whose children come first; takes these quads off the list.
-    fn deeper(&mut self) -> Cage {
+    fn deeper(&mut self) {
         let faces: Vec<u32> = self.active.iter().map(|active| active.face).collect();
         let (part, vertices) = self.level.around(&faces);
+        self.plan.depth += 1;
         self.points = vertices.iter().map(|&vertex| self.points[vertex as usize]).collect();
         let first = self.plan.points() as u32;
         let (count, edges) = (part.vertex_count() as u32, part.child_of_edge(0));
@@ -176,34 +184,35 @@ impl<'a> Builder<'a> {
         let of_faces = (0..faces).map(|face| first + face);
         let of_edges = (edges..part.child_count() as u32).map(|child| first + child);
         self.points = of_vertices.chain(of_faces).chain(of_edges).collect();
-        self.level = part.refined();
+        self.level = Arc::new(part.refined());
         self.active.clear();
-        part
     }
 
     /// Splits all active quads.
     fn split(&mut self) -> Result<()> {
         let split = self.active.clone();
         self.deeper();
-        let level = self.level.clone();
         for (quad, parent) in split.iter().enumerate() {
             let first = self.plan.nodes.len();
             self.plan.nodes[parent.node] = Node::Split(first as u32);
             self.plan.nodes.extend([Node::Split(0); 4]);
             for corner in 0..4 {
-                self.settle(&level, 4 * quad as u32 + corner, first + corner as usize, parent.left)?;
+                self.settle(4 * quad as u32 + corner, first + corner as usize, parent.left)?;
             }
         }
         Ok(())
     }
 
     /// Makes a quad of the level a leaf, or active.
-    fn settle(&mut self, level: &Cage, face: u32, node: usize, left: u8) -> Result<()> {
+    fn settle(&mut self, face: u32, node: usize, left: u8) -> Result<()> {
+        let level = self.level.clone();
+        let level = level.as_ref();
         let mut walk = std::mem::take(&mut self.walk);
         let state = level.state(face, &mut walk);
         self.walk = walk;
         match state {
             Quad::Regular => self.plan.nodes[node] = Node::Regular(self.add_patch(level, face)),
+            Quad::Creased(side, sharpness) => self.plan.nodes[node] = self.crease(level, face, side, sharpness),
             Quad::Irregular(corner, sector) if left == 0 => {
                 let pattern = self.pattern(level, face, corner, sector)?;
                 let list = self.plan.lists.len() as u32;
@@ -219,16 +228,34 @@ impl<'a> Builder<'a> {
 
     fn add_patch(&mut self, level: &Cage, face: u32) -> u32 {
         let list = self.plan.lists.len() as u32;
-        for mut point in level.control_points(face, 0) {
-            if let [(vertex, _)] = point[..] {
-                self.plan.lists.push(self.points[vertex as usize]);
-            } else {
-                point.iter_mut().for_each(|entry| entry.0 = self.points[entry.0 as usize]);
-                self.plan.lists.push(self.plan.points() as u32);
-                self.plan.rows.push(&mut point);
-            }
-        }
+        let grid = self.grid(level, face, 0);
+        self.plan.lists.extend(grid);
         list
+    }
+
+    /// Numbers of the 16 control points of a quad.
+    fn grid(&mut self, level: &Cage, face: u32, corner: u32) -> [u32; 16] {
+        level.control_points(face, corner).map(|mut point| {
+            if let [(vertex, _)] = point[..] {
+                return self.points[vertex as usize];
+            }
+            point.iter_mut().for_each(|entry| entry.0 = self.points[entry.0 as usize]);
+            self.plan.rows.push(&mut point);
+            self.plan.points() as u32 - 1
+        })
+    }
+
+    fn crease(&mut self, level: &Cage, face: u32, side: u32, sharpness: f32) -> Node {
+        let list = self.plan.lists.len() as u32;
+        let first = self.grid(level, face, side);
+        let control: Strip = std::array::from_fn(|row| std::array::from_fn(|column| first[4 * row + column]));
+        let patches = strips(control, sharpness, |row| {
+            self.plan.rows.push(row);
+            self.plan.points() as u32 - 1
+        });
+        self.plan.lists.extend(patches.iter().flatten().flatten());
+        self.creases = self.creases.max(patches.len() as u32);
+        Node::Creased(list, patches.len() as u32, side)
     }
 
     fn pattern(&mut self, level: &Cage, face: u32, corner: u32, sector: Sector) -> Result<u32> {
@@ -266,6 +293,10 @@ impl<'a> Builder<'a> {
             }
         }
         self.plan.lists.iter_mut().for_each(|point| *point = number[*point as usize]);
+        let patterns =
+            self.plan.patterns.iter().flat_map(|pattern| [pattern.ring.longest(), pattern.children.longest()]);
+        self.plan.longest = patterns.fold(kept.longest(), usize::max) as u32;
         self.plan.rows = kept;
+        self.plan.depth += self.creases;
     }
 }

@@ -2,7 +2,7 @@
 
 use super::level::Cage;
 use super::masks::Row;
-use super::rules::decremented;
+use super::rules::{INFINITE, decremented};
 use super::topology::Topology;
 use crate::base::error::{Error, Result};
 use std::ops::{Add, Mul};
@@ -36,7 +36,10 @@ impl Cage {
         let starts = (0..=corners).map(|face| 4 * face).collect();
         let topology = Topology::new(starts, vertices, self.child_count());
         let mut vertex_sharpness: Vec<f32> = self.vertex_sharpness.iter().copied().map(decremented).collect();
-        vertex_sharpness.resize(self.child_count(), 0.0);
+        vertex_sharpness.resize(self.child_of_edge(0) as usize, 0.0);
+        // Both halves of an edge from a vertex to itself become one: its point stays, as between two creases.
+        let to_itself = |ends: &[u32; 2]| if ends[0] == ends[1] { INFINITE } else { 0.0 };
+        vertex_sharpness.extend(self.topology.edges.iter().map(to_itself));
         Cage {
             edge_sharpness: topology.edges.iter().map(|&ends| self.sharpness_of_child_edge(ends)).collect(),
             vertex_sharpness,

@@ -28,20 +28,26 @@ pub(super) enum Ends {
 
 impl Sector {
     /// True if the vertex is one of a uniform bicubic B-spline, mirrored at sharp edges.
-    fn is_regular(self) -> bool {
+    pub fn is_regular(self) -> bool {
         matches!(
             (self.ends, self.rule, self.faces),
             (Ends::Closed, Rule::Smooth, 4) | (Ends::Two, Rule::Crease, 2) | (Ends::Two, Rule::Corner, 1)
         )
     }
+
+    pub fn is_closed(self) -> bool {
+        self.ends == Ends::Closed
+    }
 }
 
 /// A quad's state.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Quad {
     Regular,
     /// Regular but for this corner; so is its child there, with the same sector.
     Irregular(u32, Sector),
+    /// Along an even semi-sharp edge: its side and sharpness.
+    Creased(u32, f32),
     Unsettled,
 }
 
@@ -57,7 +63,7 @@ impl Cage {
     }
 
     /// The sector of a corner, or `None` if something at the vertex is semi-sharp or a face there is no quad.
-    fn sector(&self, h: u32, walk: &mut Vec<u32>) -> Option<Sector> {
+    pub(super) fn sector(&self, h: u32, walk: &mut Vec<u32>) -> Option<Sector> {
         let topology = &self.topology;
         let vertex = topology.corners[h as usize];
         let quads = |&h: &u32| topology.face_size(topology.corner_face[h as usize]) == 4;
@@ -87,7 +93,10 @@ impl Cage {
         let first = self.topology.face_start[face as usize];
         let mut state = Quad::Regular;
         for corner in 0..4 {
-            let Some(sector) = self.sector(first + corner, walk) else { return Quad::Unsettled };
+            let Some(sector) = self.sector(first + corner, walk) else {
+                let creased = self.creased_side(face, walk);
+                return creased.map_or(Quad::Unsettled, |(side, sharpness)| Quad::Creased(side, sharpness));
+            };
             if sector.is_regular() {
                 continue;
             }

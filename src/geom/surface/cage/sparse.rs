@@ -32,6 +32,11 @@ impl Rows {
         &self.entries[self.start[i] as usize..self.start[i + 1] as usize]
     }
 
+    /// The length of the longest row.
+    pub fn longest(&self) -> usize {
+        (0..self.len()).map(|i| self.row(i).len()).max().unwrap_or(0)
+    }
+
     /// The sum of row `i`'s points.
     pub fn point(&self, i: usize, points: &[DVec3]) -> DVec3 {
         self.row(i).iter().fold(DVec3::ZERO, |sum, &(j, weight)| sum + points[j as usize] * weight)

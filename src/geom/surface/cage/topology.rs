@@ -14,7 +14,7 @@ pub(super) struct Topology {
     pub corner_face: Vec<u32>,
     /// Edge from each corner to the next one of its face.
     pub corner_edge: Vec<u32>,
-    /// Vertices of each edge, the smaller one first; edges are in ascending order.
+    /// Vertices of each edge, the smaller one first; edges are in ascending order. Few occur twice (`face_repeats`).
     pub edges: Vec<[u32; 2]>,
     /// First of the corners of each edge in `edge_corners`.
     pub edge_start: Vec<u32>,
@@ -59,7 +59,7 @@ fn grouped(keys: usize, items: &[u32], key: impl Fn(u32) -> u32) -> (Vec<u32>, V
 }
 
 impl Topology {
-    /// Topology of faces whose vertices are below `vertices` and differ within a face. The counts fit `u32`.
+    /// Topology of faces whose vertices are below `vertices`. The counts fit `u32`.
     pub fn new(face_start: Vec<u32>, corners: Vec<u32>, vertices: usize) -> Self {
         let mut corner_face = Vec::with_capacity(corners.len());
         for (face, ends) in face_start.windows(2).enumerate() {
@@ -81,7 +81,7 @@ impl Topology {
         self.edge_start.push(0);
         for (i, &h) in sorted.iter().enumerate() {
             let ends = self.ends(h);
-            if self.edges.last() != Some(&ends) {
+            if self.edges.last() != Some(&ends) || ends[0] == ends[1] || self.face_repeats(&sorted[..=i]) {
                 if i > 0 {
                     self.edge_start.push(i as u32);
                 }
@@ -97,6 +97,14 @@ impl Topology {
         let (start, mut lists) = grouped(vertices, &sides, |s| self.edges[s as usize / 2][s as usize % 2]);
         lists.iter_mut().for_each(|side| *side /= 2);
         (self.vertex_edge_start, self.vertex_edges) = (start, lists);
+    }
+
+    /// The last of some corners, in ascending order, is of the face of the one before it. A face that runs along an edge
+    /// twice has two edges there, and an edge from a vertex to itself has no other face: as in OpenSubdiv, both are
+    /// non-manifold.
+    fn face_repeats(&self, corners: &[u32]) -> bool {
+        let [.., before, last] = corners else { return false };
+        self.corner_face[*before as usize] == self.corner_face[*last as usize]
     }
 
     fn ends(&self, h: u32) -> [u32; 2] {
@@ -168,10 +176,16 @@ impl Topology {
         (self.corners[a as usize] != self.corners[b as usize]).then_some(if a == h { b } else { a })
     }
 
-    /// True for edges of more than two faces, and of two that run along it in the same direction.
+    /// True for edges of more than two faces, of two that run along it in the same direction, from a vertex to itself,
+    /// and along which a face runs twice.
     pub fn edge_is_non_manifold(&self, edge: u32) -> bool {
-        let corners = self.corners_of_edge(edge);
-        corners.len() > 2 || corners.len() == 2 && self.twin(corners[0]).is_none()
+        let (corners, ends) = (self.corners_of_edge(edge), self.edges[edge as usize]);
+        let again = |other: u32| self.edges.get(other as usize) == Some(&ends);
+        corners.len() > 2
+            || corners.len() == 2 && self.twin(corners[0]).is_none()
+            || ends[0] == ends[1]
+            || again(edge.wrapping_sub(1))
+            || again(edge + 1)
     }
 
     /// The corners around a vertex from one edge at which `stop` holds, or at which the faces end, to the next one,

@@ -1,0 +1,7 @@
+//! Tests of cages with access to their parts. Comparisons with other libraries: `tests/surfaces.rs`.
+
+mod bad_input;
+mod closed_forms;
+mod enclosure;
+mod limits;
+mod shapes;
