@@ -22,3 +22,4 @@ mod residency;
 mod scene_files;
 mod sheet;
 mod streaming;
+mod surface_models;

@@ -131,14 +131,14 @@ impl Decoding<'_> {
 }
 
 /// First column, first row, and distances of columns and of rows of the seven passes of an interlaced PNG.
-const ADAM7: [(u32, u32, u32, usize); 7] =
+pub(super) const ADAM7: [(u32, u32, u32, usize); 7] =
     [(0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4), (0, 2, 2, 4), (1, 0, 2, 2), (0, 1, 1, 2)];
 
-fn cannot_read(e: impl std::fmt::Display) -> Fault {
+pub(super) fn cannot_read(e: impl std::fmt::Display) -> Fault {
     Fault::Why(format!("a picture cannot be read: {e}"))
 }
 
-fn cannot_decode(e: impl std::fmt::Display) -> Fault {
+pub(super) fn cannot_decode(e: impl std::fmt::Display) -> Fault {
     Fault::Why(format!("a picture cannot be decoded: {e}"))
 }
 

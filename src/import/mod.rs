@@ -15,6 +15,7 @@ mod detect;
 mod files;
 pub mod generate;
 mod gltf;
+pub mod heights;
 mod ignored;
 mod input;
 mod normals;

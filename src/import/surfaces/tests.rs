@@ -1,11 +1,15 @@
-//! Both formats, their faults, and the models.
+//! Both formats and their faults.
+
+#[path = "../../../tests/common/rng.rs"]
+#[allow(dead_code)]
+mod rng;
 
 use super::{SurfaceData, bpt, trimmed_nurbs};
 use crate::base::progress::Cancel;
 use crate::geom::surface::nurbs::Nurbs;
-use crate::math::DBounds;
 use glam::DVec3;
-use std::path::{Path, PathBuf};
+use rng::Rng;
+use std::path::Path;
 
 fn patches(text: &str) -> Result<Vec<SurfaceData>, String> {
     bpt::parse(text.as_bytes(), Path::new("a.bpt"), &Cancel::new()).map_err(|e| e.to_string())
@@ -128,39 +132,24 @@ fn a_cancelled_read_ends() {
     assert!(matches!(e, crate::Error::Cancelled), "{e}");
 }
 
-/// The bytes of a model, or `None` after saying so.
-fn model(name: &str) -> Option<Vec<u8>> {
-    let folder = std::env::var_os("OUTCROP_MODELS").map_or_else(|| PathBuf::from("../shared/models"), PathBuf::from);
-    let bytes = std::fs::read(folder.join(name)).ok();
-    if bytes.is_none() {
-        println!("skipped: {name} (no models folder; set OUTCROP_MODELS)");
-    }
-    bytes
-}
-
 #[test]
-fn the_teapot_is_32_patches() {
-    let Some(bytes) = model("nurbs/teapot.bpt") else { return };
-    let read = bpt::parse(&bytes, Path::new("teapot.bpt"), &Cancel::new()).expect("the teapot");
-    assert_eq!(read.len(), 32);
-    let surfaces: Vec<_> = read.iter().map(|s| Nurbs::new(&s.desc()).expect("a patch")).collect();
-    let bounds = surfaces.iter().fold(DBounds::EMPTY, |all, s| all.union(s.piece([0, 0]).bounds()));
-    // Newell's teapot: 3.15 high, 6.43 wide between handle and spout with the control points.
-    assert!((bounds.extent().z - 3.15).abs() < 1e-9 && bounds.min.z.abs() < 1e-9, "{bounds:?}");
-    // The top of the lid's knob is a collapsed edge.
-    let poles = surfaces.iter().filter(|s| s.evaluate(0.0, 0.3).normal() == DVec3::ZERO);
-    assert_eq!(poles.map(|s| s.normal_limit(0.0, 0.3).z.abs()).filter(|z| (z - 1.0).abs() < 1e-12).count(), 8);
-}
-
-#[test]
-fn cad_models_are_read() {
-    for (name, [whole, parts, trimmed]) in
-        [("NIST_MBE_PMI_1", [36, 51, 26]), ("as1-oc-214", [110, 0, 50]), ("hammer", [0, 22, 23])]
-    {
-        let Some(bytes) = model(&format!("nurbs/{name}.trimmed_nurbs.json")) else { continue };
-        let read = trimmed_nurbs::parse(&bytes, Path::new(name), &Cancel::new()).expect("a model");
-        let is_whole = |s: &&SurfaceData| Nurbs::new(&s.desc()).expect("a surface").domain() == s.domain;
-        let found = read.surfaces.iter().filter(is_whole).count();
-        assert_eq!([found, read.surfaces.len() - found, read.trimmed.len()], [whole, parts, trimmed], "{name}");
+fn damaged_texts_never_panic() {
+    let mut rng = Rng::new(31);
+    let loops = format!(",\"loops\":[{}]", looped("0,0 2,0 2,1 0,1"));
+    let json = file(&[plane(""), plane(&loops)]).into_bytes();
+    let patch = b"2\n1 2\n0 0 0\n0 1 0\n0 2 0\n1 0 0\n1 1 1\n1 2 0\n1 1\n0 0 0 0 1 0\n1 0 0 1 1e0 .5\n".to_vec();
+    let (mut read, cancel) = (0, Cancel::new());
+    for round in 0..20_000 {
+        let mut text = if round % 2 == 0 { json.clone() } else { patch.clone() };
+        for _ in 0..1 + rng.below(3) {
+            let at = rng.below(text.len());
+            text[at] = b"0123456789.-e,[]{}\" \n"[rng.below(21)];
+        }
+        let is_read = match round % 2 {
+            0 => trimmed_nurbs::parse(&text, Path::new("a"), &cancel).is_ok(),
+            _ => bpt::parse(&text, Path::new("a"), &cancel).is_ok(),
+        };
+        read += usize::from(is_read);
     }
+    assert!((500..19_500).contains(&read), "{read}");
 }

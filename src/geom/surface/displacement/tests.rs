@@ -112,7 +112,7 @@ fn a_rectangle_has_the_range_of_the_texels_around_it() {
     let greatest = |x: f64, y: f64| heights.range(0, [[x / 64.0, (x + 0.5) / 64.0], [y / 64.0, (y + 0.5) / 64.0]])[1];
     // The bump reaches 1 ½ texels; its top is 9/16.
     assert!((0.5625..0.66).contains(&greatest(30.2, 20.2)), "{}", greatest(30.2, 20.2));
-    assert!(greatest(29.2, 20.2) > 0.2 && greatest(31.2, 20.2) > 0.2 && greatest(29.2, 19.2) > 0.05);
+    assert!(greatest(29.2, 20.2) > 0.1 && greatest(31.2, 20.2) > 0.1 && greatest(29.2, 19.2) > 0.05);
     assert!(greatest(28.2, 20.2) < 0.1 && greatest(32.2, 20.2) < 0.1 && greatest(30.2, 22.2) < 0.1);
     // A large one reads cells of up to a quarter of its side beyond.
     assert!(heights.range(0, [[0.0, 0.3], [0.5, 0.9]])[1] < 0.1 && heights.range(0, [[0.0, 0.9]; 2])[1] > 0.7);

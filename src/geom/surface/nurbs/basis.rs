@@ -6,8 +6,16 @@ use glam::DVec4;
 /// Greatest number of basis functions that are not zero at a parameter.
 pub(super) const MOST: usize = MAX_DEGREE as usize + 1;
 
-/// Space for the control points of a line.
-pub(super) type Line = [DVec4; MOST];
+/// Space for the control points of a line of a degree under N.
+pub(super) type Line<const N: usize> = [DVec4; N];
+
+/// A parameter at which basis functions are asked for.
+pub(super) enum Place<'a> {
+    /// In a span of a B-spline, with the 2 · degree knots around it.
+    Span(f64, &'a [f64]),
+    /// In an interval, for Bernstein polynomials. If it is empty, all derivatives are those of equal points: 0.
+    Interval(f64, [f64; 2]),
+}
 
 /// The basis functions of degrees p, p − 1 and p − 2 at one parameter. They are sums of products of numbers that are
 /// not negative, hence each is exact but for a few units in its last place.
@@ -15,31 +23,30 @@ pub(super) type Line = [DVec4; MOST];
 /// Derivatives come from the differences of neighbouring control points, which are weighed by basis functions of lower
 /// degree. The difference of rounded values never occurs, and no span is a divisor but supports of basis functions, so
 /// that tiny spans do no harm.
-pub(super) struct Basis {
+pub(super) struct Basis<const N: usize> {
     degree: usize,
-    values: [f64; MOST],
-    first: [f64; MOST],
-    second: [f64; MOST],
+    values: [f64; N],
+    first: [f64; N],
+    second: [f64; N],
     /// Factors of first differences, and of the differences of those.
-    over_first: [f64; MOST],
-    over_second: [f64; MOST],
+    over_first: [f64; N],
+    over_second: [f64; N],
 }
 
-impl Basis {
-    /// The B-spline basis of degree p at `t`, by the 2 p knots around its span (equations 2.5 and 2.7 of The NURBS
-    /// Book).
-    pub(super) fn of_spline(degree: usize, t: f64, knots: &[f64]) -> Self {
-        Self::new(degree, t, |i| knots[i])
-    }
-
-    /// The Bernstein basis of degree p on an interval. If it is empty, all derivatives are those of equal points: 0.
-    pub(super) fn of_bernstein(degree: usize, t: f64, [begin, end]: [f64; 2]) -> Self {
-        let end = if begin < end { end } else { begin + begin.abs().max(1.0) };
-        Self::new(degree, t, |i| if i < degree { begin } else { end })
+impl<const N: usize> Basis<N> {
+    /// The basis of a degree under N, by the recursion of Cox and de Boor (equations 2.5 and 2.7 of The NURBS Book).
+    pub(super) fn at(degree: usize, place: &Place<'_>) -> Self {
+        match *place {
+            Place::Span(t, knots) => Self::new(degree, t, |i| knots[i]),
+            Place::Interval(t, [begin, end]) => {
+                let end = if begin < end { end } else { begin + begin.abs().max(1.0) };
+                Self::new(degree, t, |i| if i < degree { begin } else { end })
+            }
+        }
     }
 
     fn new(degree: usize, t: f64, knot: impl Fn(usize) -> f64) -> Self {
-        let zeros = [0.0; MOST];
+        let zeros = [0.0; N];
         let mut basis =
             Self { degree, values: zeros, first: zeros, second: zeros, over_first: zeros, over_second: zeros };
         basis.values[0] = 1.0;
@@ -64,7 +71,7 @@ impl Basis {
     }
 
     /// The point and the first two derivatives of a line with these control points. `line` serves as work space.
-    pub(super) fn derivatives(&self, line: &mut Line) -> [DVec4; 3] {
+    pub(super) fn derivatives(&self, line: &mut Line<N>) -> [DVec4; 3] {
         let p = self.degree;
         let value = weighed(&self.values, &line[..=p]);
         for j in 0..p {
@@ -78,6 +85,6 @@ impl Basis {
     }
 }
 
-fn weighed(weights: &[f64; MOST], points: &[DVec4]) -> DVec4 {
+fn weighed(weights: &[f64], points: &[DVec4]) -> DVec4 {
     weights.iter().zip(points).fold(DVec4::ZERO, |sum, (&weight, &point)| sum + point * weight)
 }

@@ -1,6 +1,6 @@
 //! Rational Bézier patches.
 
-use super::basis::Basis;
+use super::basis::Place;
 use super::tensor::Homogeneous;
 use crate::geom::surface::SurfacePoint;
 use glam::{DVec3, DVec4};
@@ -51,12 +51,12 @@ impl BezierPatch {
     /// The point at (u, v), which are parameters of the whole surface, and its derivatives by them. Parameters outside
     /// of the patch are moved to its border; NaN is taken as the first parameter.
     pub fn evaluate(&self, u: f64, v: f64) -> SurfacePoint {
-        let basis = |axis: usize, t: f64| {
+        let place = |axis: usize, t: f64| {
             let ends = self.domain[axis];
-            Basis::of_bernstein(self.degree[axis], t.max(ends[0]).min(ends[1]), ends)
+            Place::Interval(t.max(ends[0]).min(ends[1]), ends)
         };
         let net = |i: usize, j: usize| self.points[i * (self.degree[1] + 1) + j];
-        Homogeneous::of(&basis(0, u), &basis(1, v), self.degree, net).project(self.origin, self.is_rational)
+        Homogeneous::at(self.degree, &[place(0, u), place(1, v)], net).project(self.origin, self.is_rational)
     }
 
     /// Splits the patch at a parameter of u (axis 0) or v (axis 1), which is moved into the domain, by de Casteljau's

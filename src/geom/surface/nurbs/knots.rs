@@ -1,6 +1,6 @@
 //! Knot vectors.
 
-use super::basis::Basis;
+use super::basis::Place;
 use super::desc::{MAX_COORDINATE, MAX_DEGREE, MIN_SPAN, fault};
 use crate::base::error::Result;
 use crate::base::memory;
@@ -85,10 +85,10 @@ impl Knots {
         self.spans.partition_point(|&k| self.all[k as usize] <= t).saturating_sub(1)
     }
 
-    /// The basis functions at a parameter within the domain, and the index of the first control point that they weigh.
-    pub(super) fn basis(&self, t: f64) -> (usize, Basis) {
+    /// The place of a parameter within the domain, and the index of the first control point that a point depends on.
+    pub(super) fn place(&self, t: f64) -> (usize, Place<'_>) {
         let k = self.span(self.find(t));
-        (k - self.degree, Basis::of_spline(self.degree, t, self.around(k)))
+        (k - self.degree, Place::Span(t, self.around(k)))
     }
 }
 

@@ -82,7 +82,7 @@ impl<'a> Piece<'a> {
     }
 
     /// The Bézier points of the span, of a line whose control points `line` returns by their index.
-    fn bezier(&self, line: impl Fn(usize) -> DVec4) -> Line {
+    fn bezier(&self, line: impl Fn(usize) -> DVec4) -> Line<MOST> {
         let (p, mut out) = (self.knots.degree(), [DVec4::ZERO; MOST]);
         for (at, point) in out[..=p].iter_mut().enumerate() {
             *point = match self.before {
@@ -99,7 +99,7 @@ impl<'a> Piece<'a> {
 /// of the span. All interpolations are convex, and exact where a weight is 0.
 fn blossom(knots: &Knots, k: usize, ends: usize, line: impl Fn(usize) -> DVec4) -> DVec4 {
     let (p, around, [begin, end]) = (knots.degree(), knots.around(k), knots.ends(k));
-    let mut points: Line = [DVec4::ZERO; MOST];
+    let mut points: Line<MOST> = [DVec4::ZERO; MOST];
     for (i, point) in points[..=p].iter_mut().enumerate() {
         *point = line(k - p + i);
     }

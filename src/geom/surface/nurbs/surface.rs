@@ -62,10 +62,10 @@ impl Nurbs {
     /// The relative error of the position in the extent of the surface is a few units in the last place, of a
     /// derivative that of the differences of the control points.
     pub fn evaluate(&self, u: f64, v: f64) -> SurfacePoint {
-        let (row, along_u) = self.knots[0].basis(self.knots[0].clamp(u));
-        let (column, along_v) = self.knots[1].basis(self.knots[1].clamp(v));
+        let (row, along_u) = self.knots[0].place(self.knots[0].clamp(u));
+        let (column, along_v) = self.knots[1].place(self.knots[1].clamp(v));
         let net = |i, j| self.points[(row + i) * self.columns + column + j];
-        Homogeneous::of(&along_u, &along_v, self.degree(), net).project(self.origin, self.is_rational)
+        Homogeneous::at(self.degree(), &[along_u, along_v], net).project(self.origin, self.is_rational)
     }
 }
 

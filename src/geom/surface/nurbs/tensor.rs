@@ -1,6 +1,6 @@
 //! The point of a tensor-product surface and its derivatives.
 
-use super::basis::{Basis, Line, MOST};
+use super::basis::{Basis, Line, MOST, Place};
 use crate::geom::surface::SurfacePoint;
 use glam::{DVec3, DVec4};
 
@@ -15,16 +15,25 @@ pub(super) struct Homogeneous {
 }
 
 impl Homogeneous {
-    /// Weighs control points by the basis functions of both directions. `net` returns the point with the local indices
-    /// i along u and j along v.
-    pub(super) fn of(
-        along_u: &Basis,
-        along_v: &Basis,
+    /// Weighs control points by the basis functions of both directions at a place of each. `net` returns the point with
+    /// the local indices i along u and j along v.
+    pub(super) fn at(degree: [usize; 2], places: &[Place<'_>; 2], net: impl Fn(usize, usize) -> DVec4) -> Self {
+        // Small arrays for the degrees that are usual.
+        match degree[0].max(degree[1]) {
+            0..=3 => Self::within::<4>(degree, places, net),
+            4..=7 => Self::within::<8>(degree, places, net),
+            _ => Self::within::<MOST>(degree, places, net),
+        }
+    }
+
+    fn within<const N: usize>(
         degree: [usize; 2],
+        places: &[Place<'_>; 2],
         net: impl Fn(usize, usize) -> DVec4,
     ) -> Self {
-        let mut lines: [Line; 3] = [[DVec4::ZERO; MOST]; 3];
-        let mut line: Line = [DVec4::ZERO; MOST];
+        let [along_u, along_v]: [Basis<N>; 2] = [0, 1].map(|axis| Basis::at(degree[axis], &places[axis]));
+        let mut lines: [Line<N>; 3] = [[DVec4::ZERO; N]; 3];
+        let mut line: Line<N> = [DVec4::ZERO; N];
         for j in 0..=degree[1] {
             for (i, point) in line[..=degree[0]].iter_mut().enumerate() {
                 *point = net(i, j);

@@ -112,3 +112,22 @@ fn a_part_without_extent_has_points_and_no_nan() {
     assert!(point.du.is_finite() && point.duu.is_finite() && point.dvv.is_finite());
     assert!(part.normal_cone().is_none());
 }
+
+#[test]
+fn pieces_within_a_rectangle_cover_it_and_no_more() {
+    let mut rng = Rng::new(15);
+    for _ in 0..100 {
+        let surface = Owned::random(&mut rng, 3, false).surface();
+        let rectangle = surface.domain().map(|[a, b]| {
+            let (s, t) = (rng.between(a, b), rng.between(a, b));
+            [s.min(t), s.max(t)]
+        });
+        let area = |[[u0, u1], [v0, v1]]: [[f64; 2]; 2]| (u1 - u0) * (v1 - v0);
+        let is_within = |d: [[f64; 2]; 2]| (0..2).all(|k| rectangle[k][0] <= d[k][0] && d[k][1] <= rectangle[k][1]);
+        let parts: Vec<_> = surface.pieces_within(rectangle).map(|part| part.domain()).collect();
+        assert!(parts.iter().all(|&domain| is_within(domain) && area(domain) > 0.0));
+        let sum: f64 = parts.into_iter().map(area).sum();
+        assert!((sum - area(rectangle)).abs() < 1e-12, "{sum} {rectangle:?}");
+        assert_eq!(surface.pieces_within(surface.domain()).count(), surface.pieces().count());
+    }
+}
