@@ -1,7 +1,7 @@
 //! Sizes and offsets of every struct, told by Rust and asserted by C.
 
 use outcrop::capi::build::oc_build_desc;
-use outcrop::capi::cages::oc_cage;
+use outcrop::capi::cages::{oc_cage, oc_displacement};
 use outcrop::capi::clash::{oc_clash, oc_clash_desc, oc_clash_summary};
 use outcrop::capi::contents::{oc_material, oc_part};
 use outcrop::capi::context::{oc_context_desc, oc_executor};
@@ -68,7 +68,10 @@ fn layouts() -> Vec<Layout> {
         oc_cage {
             struct_size, mesh, part, face_parts, positions, position_count, position_stride, face_sizes, face_count, indices,
             index_count, creases, crease_sharpness, crease_count, corners, corner_sharpness, corner_count, holes,
-            hole_count, scalar, boundary, creasing, triangle_rule,
+            hole_count, scalar, boundary, creasing, triangle_rule, displacement,
+        }
+        oc_displacement {
+            struct_size, width, height, map_count, texels, coordinates, scale, wrap_s, wrap_t,
         }
         oc_nurbs {
             struct_size, mesh, part, degree_u, degree_v, count_u, count_v, knots_u, knots_v, points, weights, reversed,

@@ -4,7 +4,8 @@ use super::build::{Input, oc_build, with_input};
 use super::guard::{Checked, Sized32, Strided, bad, boundary, read};
 use super::status::oc_status;
 use super::triangles::{OC_SCALAR_F32, OC_SCALAR_F64, oc_scalar};
-use crate::geom::surface::cage::{Boundary, CageDesc, Creasing, TriangleRule};
+use crate::geom::surface::cage::{Boundary, CageDesc, Creasing, Displacement, TriangleRule};
+use crate::geom::surface::displacement::{Heights, Wrap};
 use crate::import::{CageMesh, MeshKey, Sink};
 use glam::DVec3;
 use std::ffi::c_void;
@@ -31,6 +32,45 @@ pub type oc_triangle_rule = u32;
 pub const OC_TRIANGLE_RULE_CATMULL_CLARK: oc_triangle_rule = 0;
 /// Weights with which regular triangles become smoother surfaces.
 pub const OC_TRIANGLE_RULE_SMOOTH: oc_triangle_rule = 1;
+
+/// Texels beyond the border of a map.
+pub type oc_wrap = u32;
+/// The map repeats.
+pub const OC_WRAP_REPEAT: oc_wrap = 0;
+/// The border continues.
+pub const OC_WRAP_CLAMP: oc_wrap = 1;
+
+/// Heights by which a surface is moved along its normal: a biquadratic B-spline with a control value in the middle of
+/// each texel, so that the surface stays smooth. Where faces meet, the surface moves by the mean of their heights.
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct oc_displacement {
+    /// Size of this struct in bytes; OC_INIT sets it.
+    pub struct_size: u32,
+    /// Texels in a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Number of maps: 1, or the number of faces if there are no coordinates.
+    pub map_count: u32,
+    /// Array of heights, tightly packed, finite: map by map, row by row, the first row at t = 0.
+    pub texels: *const f32,
+    /// Array of the coordinates s, t in the map at each corner of each face, in the order of oc_cage.indices. The map
+    /// covers 0 to 1. NULL: each face has a map of its own along its sides, and must have four corners.
+    pub coordinates: *const f32,
+    /// Factor of all heights, finite.
+    pub scale: f64,
+    /// One of the OC_WRAP_ constants, for s.
+    pub wrap_s: oc_wrap,
+    /// One of the OC_WRAP_ constants, for t.
+    pub wrap_t: oc_wrap,
+}
+
+// SAFETY: `repr(C)`, numbers and pointers without padding, `struct_size` first.
+unsafe impl Sized32 for oc_displacement {
+    const NAME: &'static str = "oc_displacement";
+    const FIRST_SIZE: usize = size_of::<oc_displacement>();
+}
 
 /// A Catmull-Clark subdivision surface, as its cage. The arrays are read during the call. They may have any alignment.
 #[repr(C)]
@@ -85,6 +125,8 @@ pub struct oc_cage {
     pub creasing: oc_creasing,
     /// One of the OC_TRIANGLE_RULE_ constants.
     pub triangle_rule: oc_triangle_rule,
+    /// Heights by which the surface is moved along its normal, or NULL.
+    pub displacement: *const oc_displacement,
 }
 
 // SAFETY: `repr(C)`, numbers and pointers without padding, `struct_size` first.
@@ -157,6 +199,31 @@ unsafe fn positions(cage: &oc_cage) -> Checked<Vec<DVec3>> {
     }
 }
 
+/// Copies the heights and coordinates.
+///
+/// # Safety
+/// The arrays are readable; there are `corners` coordinates.
+unsafe fn heights(of: &oc_displacement, corners: u64) -> Checked<(Heights, Vec<[f64; 2]>)> {
+    let wrap = |it: oc_wrap, name: &str| match it {
+        OC_WRAP_REPEAT => Ok(Wrap::Repeat),
+        OC_WRAP_CLAMP => Ok(Wrap::Clamp),
+        other => bad(format!("oc_displacement.{name} {other} is unknown")),
+    };
+    let wrap = [wrap(of.wrap_s, "wrap_s")?, wrap(of.wrap_t, "wrap_t")?];
+    let texels = u64::from(of.width).checked_mul(u64::from(of.height));
+    let Some(texels) = texels.and_then(|it| it.checked_mul(u64::from(of.map_count))) else {
+        return bad("oc_displacement: the sizes are too large");
+    };
+    // SAFETY: the caller's contract, for both.
+    let texels = unsafe { Strided::copied(of.texels, texels, "oc_displacement.texels")? };
+    let coordinates = match of.coordinates.is_null() {
+        true => Vec::new(),
+        false => unsafe { Strided::<[f32; 2]>::copied(of.coordinates.cast(), corners, "oc_displacement.coordinates")? },
+    };
+    let heights = Heights::new([of.width, of.height], of.map_count, wrap, texels)?;
+    Ok((heights, coordinates.into_iter().map(|it| it.map(f64::from)).collect()))
+}
+
 /// The mesh and the parts of the faces.
 ///
 /// # Safety
@@ -189,7 +256,7 @@ unsafe fn targets(input: &Input, cage: &oc_cage) -> Checked<(MeshKey, Vec<u32>)>
 /// Errors:
 /// - OC_STATUS_INVALID_ARGUMENT: a face has fewer than three corners or one vertex twice; an index is out of range; a
 ///   crease is on no edge; a sharpness is negative or NaN; a vertex is not finite; the part or mesh was not added; a
-///   count or stride is wrong. The message names the face, edge or vertex. Nothing was added.
+///   count or stride is wrong; a height or coordinate of the displacement is not finite. The message names the face, edge or vertex. Nothing was added.
 /// - OC_STATUS_INVALID_ARGUMENT, OC_STATUS_OVER_LIMIT: the model would hold 2^32 - 1 triangles or more, or more than
 ///   oc_build_desc.max_triangles. The first of them may have been added.
 /// - OC_STATUS_INVALID_STATE: after oc_build_start.
@@ -220,11 +287,23 @@ pub unsafe extern "C" fn oc_build_add_cage(build: *mut oc_build, cage: *const oc
             other => return bad(format!("oc_cage.triangle_rule {other} is unknown")),
         };
         let arrays = Arrays::of(&cage)?;
+        let displacement = match cage.displacement.is_null() {
+            true => None,
+            false => {
+                let of = read(cage.displacement)?;
+                Some((heights(&of, cage.index_count)?, of.scale))
+            }
+        };
+        let displacement = displacement.as_ref().map(|((heights, coordinates), scale)| Displacement {
+            heights,
+            scale: *scale,
+            coordinates,
+        });
         let Arrays { positions, face_sizes, indices, creases, corners, holes } = &arrays;
         with_input(build, |input| {
             let (mesh, parts) = targets(input, &cage)?;
             let desc = CageDesc { face_sizes, indices, creases, corners, holes, boundary, creasing, triangles };
-            Ok(input.builder.cage(mesh, &CageMesh { desc, positions, parts: &parts, displacement: None })?)
+            Ok(input.builder.cage(mesh, &CageMesh { desc, positions, parts: &parts, displacement })?)
         })
     })
 }

@@ -233,7 +233,35 @@ static void add_cages(oc_build *b, uint32_t mesh) {
     OK(oc_build_add_cage(b, &cage));
     cage.scalar = 2;
     INVALID(oc_build_add_cage(b, &cage));
-    cage.scalar = OC_SCALAR_F64, cage.position_stride = 23;
+    cage.scalar = OC_SCALAR_F64;
+    oc_displacement moved;
+    OC_INIT(&moved);
+    cage.displacement = &moved;
+    GARBAGE_SIZES(oc_displacement, (cage.displacement = s, oc_build_add_cage(b, &cage)));
+    cage.displacement = &moved;
+    INVALID(oc_build_add_cage(b, &cage)); /* no texels */
+    float texels[] = {0, 1, 2, 3, 4, 5, 6, 7}, coordinates[16] = {0};
+    moved.width = moved.height = 2, moved.map_count = 2, moved.scale = 0.1;
+    INVALID(oc_build_add_cage(b, &cage)); /* NULL */
+    moved.texels = texels;
+    OK(oc_build_add_cage(b, &cage)); /* a grid for each face */
+    moved.coordinates = coordinates;
+    INVALID(oc_build_add_cage(b, &cage)); /* two maps */
+    moved.map_count = 1;
+    OK(oc_build_add_cage(b, &cage));
+    coordinates[3] = NAN;
+    INVALID(oc_build_add_cage(b, &cage));
+    coordinates[3] = 0, texels[2] = INFINITY;
+    INVALID(oc_build_add_cage(b, &cage));
+    texels[2] = 2, moved.scale = NAN;
+    INVALID(oc_build_add_cage(b, &cage));
+    moved.scale = 1, moved.wrap_s = 2;
+    INVALID(oc_build_add_cage(b, &cage));
+    moved.wrap_s = OC_WRAP_CLAMP, moved.wrap_t = 2;
+    INVALID(oc_build_add_cage(b, &cage));
+    moved.wrap_t = 0, moved.width = moved.height = UINT32_MAX;
+    INVALID(oc_build_add_cage(b, &cage));
+    cage.displacement = NULL, cage.position_stride = 23;
     INVALID(oc_build_add_cage(b, &cage)); /* below a vertex */
     cage.position_stride = 0, cage.position_count = 5;
     INVALID(oc_build_add_cage(b, &cage));

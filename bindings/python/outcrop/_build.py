@@ -14,7 +14,7 @@ from . import _abi, _values
 from ._arrays import Array, address, given, integers, matrix, vectors
 from ._arrays import faces as checked_faces
 from ._callbacks import Entry, callback, find, forget, register
-from ._enums import Boundary, Creasing, Index, Resolution, Scalar, Status, TriangleRule
+from ._enums import Boundary, Creasing, Index, Resolution, Scalar, Status, TriangleRule, Wrap
 from ._handles import Handle, Reference, made
 from ._jobs import Job, release_job
 from ._library import lib
@@ -158,6 +158,26 @@ def _sharpness(name: str, value: ArrayLike, count: int) -> Array:
     return numpy.ascontiguousarray(numpy.broadcast_to(array, (count,)))
 
 
+def _displacement(heights: ArrayLike | None, coordinates: ArrayLike | None,
+                  corners: int) -> tuple[Any, tuple[Array, ...]]:
+    """Returns the struct of a displacement, or None, and the arrays that it points to."""
+    if heights is None:
+        return None, ()
+    texels = numpy.ascontiguousarray(heights, numpy.float32)
+    if texels.ndim != (3 if coordinates is None else 2):
+        raise ValueError(f"heights: expected shape {'(M, H, W)' if coordinates is None else '(H, W)'}, "
+                         f"not {given(texels)}")
+    moved = _abi.oc_displacement(width=texels.shape[-1], height=texels.shape[-2],
+                                 map_count=1 if texels.ndim == 2 else len(texels), texels=address(texels))
+    if coordinates is None:
+        return moved, (texels,)
+    at = numpy.ascontiguousarray(coordinates, numpy.float32)
+    if at.shape != (corners, 2):
+        raise ValueError(f"coordinates: expected shape ({corners}, 2), one for each corner, not {given(at)}")
+    moved.coordinates = address(at)
+    return moved, (texels, at)
+
+
 class Build(Handle):
     """A model under construction, made by `Context.new_build`: add meshes, then `start`.
 
@@ -254,7 +274,9 @@ class Build(Handle):
                  crease_sharpness: ArrayLike = 10.0, corners: ArrayLike | None = None,
                  corner_sharpness: ArrayLike = 10.0, holes: ArrayLike | None = None,
                  boundary: Boundary = Boundary.EDGES, creasing: Creasing = Creasing.UNIFORM,
-                 triangle_rule: TriangleRule = TriangleRule.CATMULL_CLARK, mesh: int = 0) -> None:
+                 triangle_rule: TriangleRule = TriangleRule.CATMULL_CLARK, heights: ArrayLike | None = None,
+                 coordinates: ArrayLike | None = None, scale: float = 1.0, wrap: Wrap = Wrap.REPEAT,
+                 mesh: int = 0) -> None:
         """Adds a Catmull-Clark subdivision surface by its cage.
 
         It is diced into triangles as finely as `BuildOptions.surface_tolerance` or `surface_level` asks for.
@@ -267,6 +289,9 @@ class Build(Handle):
         crease_sharpness: one for all, or one for each: 0 is smooth, 10 or more stays sharp for ever.
         corners: (K,) sharp vertices, with `corner_sharpness`.
         holes: (K,) faces that are no surface.
+        heights: (H, W) map of heights by which the surface is moved along its normal, times `scale`; (M, H, W) without
+            coordinates: a map for each face, along its sides.
+        coordinates: (K, 2) s and t in the map at each corner of each face, in the order of `faces`.
         mesh: number of a shared mesh, or 0: the surface is placed directly.
 
         Raises:
@@ -297,7 +322,12 @@ class Build(Handle):
         cage.corners, cage.corner_sharpness, cage.corner_count = address(points_of), address(sharp), len(points_of)
         empty = _numbers("holes", [] if holes is None else holes, (-1,))
         cage.holes, cage.hole_count = address(empty), len(empty)
+        moved, kept = _displacement(heights, coordinates, indices.size)
+        if moved is not None:
+            moved.scale, moved.wrap_s, moved.wrap_t = scale, wrap, wrap
+            cage.displacement = c.pointer(moved)
         lib.oc_build_add_cage(self._h, c.byref(cage))
+        del kept
 
     def add_nurbs(self, part: int, points: ArrayLike, knots_u: ArrayLike, knots_v: ArrayLike, *,
                   weights: ArrayLike | None = None, reversed: bool = False, mesh: int = 0) -> None:
