@@ -138,7 +138,16 @@ impl<'a> Builder<'a> {
         let vertices = neighbourhood.vertices;
         let plan = Plan { vertices, rows, nodes, lists, patterns, depth: 0, longest: 0 };
         let (active, walk, points) = (Vec::new(), Vec::new(), (0..vertices).collect());
-        Builder { known, used: HashMap::new(), plan, level: Arc::new(neighbourhood.cage()), points, active, walk, creases: 0 }
+        Builder {
+            known,
+            used: HashMap::new(),
+            plan,
+            level: Arc::new(neighbourhood.cage()),
+            points,
+            active,
+            walk,
+            creases: 0,
+        }
     }
 
     fn built(mut self) -> Result<Plan> {
