@@ -517,6 +517,21 @@ typedef struct oc_build_desc {
      * for each triangle.
      */
     uint32_t proxy_triangles;
+    /**
+     * Greatest distance between a smooth surface and the triangles into which it is diced, as sampled, in units of the
+     * surface; finite. 0: 1/2048 of the surface's greatest extent. Not used with `surface_level`.
+     */
+    double surface_tolerance;
+    /**
+     * Number of times that each side of a face of a smooth surface is halved, from 1 to 12. 0: `surface_tolerance`
+     * decides.
+     */
+    uint32_t surface_level;
+    /**
+     * 1: faces of OBJ files are the cages of subdivision surfaces, with the tags of OpenSubdiv's tools. 0: they are
+     * polygons.
+     */
+    uint32_t subdivide;
 } oc_build_desc;
 
 /** Material of a part. Colours are linear. All zeros: grey, opaque, matt. */
@@ -607,6 +622,116 @@ typedef struct oc_triangles {
     /** Bytes from one of these colours to the next. 0: tightly packed. */
     uint64_t position_colour_stride;
 } oc_triangles;
+
+/** Where a subdivision surface ends. */
+typedef uint32_t oc_boundary;
+
+/** Sharpness of creases after a subdivision. */
+typedef uint32_t oc_creasing;
+
+/** Rule for triangles in a cage. */
+typedef uint32_t oc_triangle_rule;
+
+/** A Catmull-Clark subdivision surface, as its cage. The arrays are read during the call. They may have any alignment. */
+typedef struct oc_cage {
+    /** Size of this struct in bytes; OC_INIT sets it. */
+    uint32_t struct_size;
+    /** 0: the surface is placed directly. Otherwise: number of a shared mesh from oc_build_add_shared_mesh. */
+    uint32_t mesh;
+    /**
+     * The part that the surface belongs to. Placed directly: the id of the part. Shared mesh: the number of the part,
+     * from 0.
+     */
+    uint64_t part;
+    /**
+     * Array of parts, one for each face, which replace `part`. NULL: all faces belong to `part`. Faces of different
+     * parts are joined smoothly.
+     */
+    const uint64_t *face_parts;
+    /** Array of vertices, three coordinates each. `scalar` is their type. */
+    const void *positions;
+    /** Number of vertices. */
+    uint64_t position_count;
+    /** Bytes from one vertex to the next. 0: tightly packed. */
+    uint64_t position_stride;
+    /** Array of the number of corners of each face, at least 3. NULL: all faces have four. */
+    const uint32_t *face_sizes;
+    /** Number of faces. */
+    uint64_t face_count;
+    /** Array of indices of vertices: the corners of each face, counter-clockwise from outside, face by face. */
+    const uint32_t *indices;
+    /** Number of indices: the sum of the numbers of corners. */
+    uint64_t index_count;
+    /** Array of edges that are creases, two indices of vertices each. */
+    const uint32_t *creases;
+    /**
+     * Array of sharpness, one for each crease: 0 is smooth, 10 or more stays sharp for ever, and between these the edge
+     * is sharp for so many subdivisions.
+     */
+    const float *crease_sharpness;
+    /** Number of creases. */
+    uint64_t crease_count;
+    /** Array of indices of vertices that are corners. */
+    const uint32_t *corners;
+    /** Array of sharpness, one for each corner, as that of creases. */
+    const float *corner_sharpness;
+    /** Number of corners. */
+    uint64_t corner_count;
+    /** Array of indices of faces that are holes: they shape their neighbours, and are no surface. */
+    const uint32_t *holes;
+    /** Number of holes. */
+    uint64_t hole_count;
+    /** One of the OC_SCALAR_ constants: the type of coordinates. */
+    oc_scalar scalar;
+    /** One of the OC_BOUNDARY_ constants. */
+    oc_boundary boundary;
+    /** One of the OC_CREASING_ constants. */
+    oc_creasing creasing;
+    /** One of the OC_TRIANGLE_RULE_ constants. */
+    oc_triangle_rule triangle_rule;
+} oc_cage;
+
+/**
+ * A NURBS surface without trims, rational or not. The arrays are read during the call, and are tightly packed. They
+ * may have any alignment.
+ *
+ * The surface covers the parameters from `knots_u[degree_u]` to `knots_u[count_u]`, and likewise in v. A periodic
+ * surface repeats its first control points at the end.
+ */
+typedef struct oc_nurbs {
+    /** Size of this struct in bytes; OC_INIT sets it. */
+    uint32_t struct_size;
+    /** 0: the surface is placed directly. Otherwise: number of a shared mesh from oc_build_add_shared_mesh. */
+    uint32_t mesh;
+    /**
+     * The part that the surface belongs to. Placed directly: the id of the part. Shared mesh: the number of the part,
+     * from 0.
+     */
+    uint64_t part;
+    /** Degree along u, from 1 to 32. */
+    uint32_t degree_u;
+    /** Degree along v, from 1 to 32. */
+    uint32_t degree_v;
+    /** Number of control points along u, above `degree_u`. */
+    uint32_t count_u;
+    /** Number of control points along v, above `degree_v`. */
+    uint32_t count_v;
+    /** Array of `count_u + degree_u + 1` knots, which do not decrease. At most `degree_u + 1` of them are equal. */
+    const double *knots_u;
+    /** Array of `count_v + degree_v + 1` knots, likewise. */
+    const double *knots_v;
+    /**
+     * Array of `count_u * count_v` control points, three coordinates each, those along v one after the other. They are
+     * not multiplied by their weights.
+     */
+    const double *points;
+    /** Array of the weights of all control points, above 0. NULL: all are 1. */
+    const double *weights;
+    /** 1: the outside is against du × dv. 0: along it. */
+    uint32_t reversed;
+    /** Must be 0. */
+    uint32_t reserved;
+} oc_nurbs;
 
 /** Statistics of a build. */
 typedef struct oc_build_report {
@@ -1809,6 +1934,27 @@ typedef struct oc_place {
 /** uint64_t. */
 #define OC_INDEX_U64 2
 
+/** Its boundary is a smooth curve along the boundary edges of the cage. */
+#define OC_BOUNDARY_EDGES 0
+
+/** Likewise, and the curve passes through boundary vertices that are in one face only. */
+#define OC_BOUNDARY_EDGES_AND_CORNERS 1
+
+/** Faces at the boundary of the cage are no surface: they only shape their neighbours. */
+#define OC_BOUNDARY_NONE 2
+
+/** One less than before. */
+#define OC_CREASING_UNIFORM 0
+
+/** Chaikin's rule: one less than a mean over the edges of the crease that follow each other. */
+#define OC_CREASING_CHAIKIN 1
+
+/** That of all faces. */
+#define OC_TRIANGLE_RULE_CATMULL_CLARK 0
+
+/** Weights with which regular triangles become smoother surfaces. */
+#define OC_TRIANGLE_RULE_SMOOTH 1
+
 /** Unknown. The views of oc_model_get_view and oc_scene_fit then take +Z. */
 #define OC_UP_UNKNOWN 0
 
@@ -2552,6 +2698,50 @@ oc_status oc_build_add_instance(struct oc_build *build,
 OC_API
 oc_status oc_build_add_triangles(struct oc_build *build,
                                  const struct oc_triangles *triangles);
+
+/**
+ * Adds a Catmull-Clark subdivision surface from the caller's memory: the limit surface of its cage, with semi-sharp
+ * creases and corners, by the rules of OpenSubdiv 3.5. Edges of more than two faces are allowed, and are sharp.
+ *
+ * The surface is diced into triangles, without cracks, as finely as oc_build_desc.surface_tolerance or surface_level
+ * asks for. Each triangle counts in the ids of primitives. They have the normals of the surface.
+ *
+ * - `cage`: the arrays are copied.
+ *
+ * Errors:
+ * - OC_STATUS_INVALID_ARGUMENT: a face has fewer than three corners or one vertex twice; an index is out of range; a
+ *   crease is on no edge; a sharpness is negative or NaN; a vertex is not finite; the part or mesh was not added; a
+ *   count or stride is wrong. The message names the face, edge or vertex. Nothing was added.
+ * - OC_STATUS_INVALID_ARGUMENT, OC_STATUS_OVER_LIMIT: the model would hold 2^32 - 1 triangles or more, or more than
+ *   oc_build_desc.max_triangles. The first of them may have been added.
+ * - OC_STATUS_INVALID_STATE: after oc_build_start.
+ * - OC_STATUS_IO: as for oc_build_add_triangles.
+ *
+ * Thread safety: any thread. Blocks while it dices.
+ */
+OC_API
+oc_status oc_build_add_cage(struct oc_build *build,
+                            const struct oc_cage *cage);
+
+/**
+ * Adds a NURBS surface from the caller's memory.
+ *
+ * The surface is diced into triangles, without cracks within it, as finely as oc_build_desc.surface_tolerance or
+ * surface_level asks for: of each of its Bézier patches. It is closed where its first and last control points are the
+ * same. Each triangle counts in the ids of primitives. They have the normals of the surface, at poles their limits.
+ *
+ * - `surface`: the arrays are copied.
+ *
+ * Errors:
+ * - OC_STATUS_INVALID_ARGUMENT: a degree, a knot, a weight, a point or a count is out of its range; the part or mesh
+ *   was not added. The message names the argument. Nothing was added.
+ * - OC_STATUS_INVALID_ARGUMENT, OC_STATUS_OVER_LIMIT, OC_STATUS_INVALID_STATE, OC_STATUS_IO: as for oc_build_add_cage.
+ *
+ * Thread safety: any thread. Blocks while it dices.
+ */
+OC_API
+oc_status oc_build_add_nurbs(struct oc_build *build,
+                             const struct oc_nurbs *surface);
 
 /**
  * Returns the statistics of a finished build.

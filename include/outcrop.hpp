@@ -382,6 +382,7 @@ class build : public build_handle {
     }
     void add_triangles(const oc_triangles &triangles) { check(oc_build_add_triangles(get(), &triangles)); }
     void add_cage(const oc_cage &cage) { check(oc_build_add_cage(get(), &cage)); }
+    void add_nurbs(const oc_nurbs &surface) { check(oc_build_add_nurbs(get(), &surface)); }
     std::uint32_t add_shared_mesh(std::uint32_t parts) {
         std::uint32_t mesh = 0;
         check(oc_build_add_shared_mesh(get(), parts, &mesh));

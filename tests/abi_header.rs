@@ -14,6 +14,7 @@ const SOURCES: &[&str] = &[
     "contents.rs",
     "triangles.rs",
     "cages.rs",
+    "nurbs.rs",
     "report.rs",
     "model.rs",
     "scene.rs",

@@ -1,6 +1,7 @@
 //! Sizes and offsets of every struct, told by Rust and asserted by C.
 
 use outcrop::capi::build::oc_build_desc;
+use outcrop::capi::cages::oc_cage;
 use outcrop::capi::clash::{oc_clash, oc_clash_desc, oc_clash_summary};
 use outcrop::capi::contents::{oc_material, oc_part};
 use outcrop::capi::context::{oc_context_desc, oc_executor};
@@ -15,6 +16,7 @@ use outcrop::capi::job::oc_progress;
 use outcrop::capi::looks::oc_look;
 use outcrop::capi::model::{oc_io, oc_model_info, oc_part_info};
 use outcrop::capi::nearest::{oc_distance, oc_distance_desc, oc_nearest_desc, oc_nearest_point};
+use outcrop::capi::nurbs::oc_nurbs;
 use outcrop::capi::overlap::{oc_overlap, oc_plane};
 use outcrop::capi::pixels::{oc_pixels, oc_target};
 use outcrop::capi::query::{oc_hit, oc_query, oc_ray};
@@ -23,7 +25,6 @@ use outcrop::capi::report::oc_build_report;
 use outcrop::capi::resolve::oc_resolved;
 use outcrop::capi::scene::{oc_background, oc_light};
 use outcrop::capi::triangles::oc_triangles;
-use outcrop::capi::cages::oc_cage;
 use outcrop::capi::view::oc_camera;
 use std::collections::BTreeMap;
 use std::mem::{offset_of, size_of};
@@ -68,6 +69,10 @@ fn layouts() -> Vec<Layout> {
             struct_size, mesh, part, face_parts, positions, position_count, position_stride, face_sizes, face_count, indices,
             index_count, creases, crease_sharpness, crease_count, corners, corner_sharpness, corner_count, holes,
             hole_count, scalar, boundary, creasing, triangle_rule,
+        }
+        oc_nurbs {
+            struct_size, mesh, part, degree_u, degree_v, count_u, count_v, knots_u, knots_v, points, weights, reversed,
+            reserved,
         }
         oc_build_report {
             struct_size, notes, triangles_in, triangles_kept, dropped_non_finite, dropped_degenerate,

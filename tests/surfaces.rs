@@ -3,6 +3,8 @@
 mod common;
 #[path = "surfaces/bfr.rs"]
 mod bfr;
+#[path = "surfaces/built.rs"]
+mod built;
 #[path = "surfaces/deep.rs"]
 mod deep;
 #[path = "surfaces/refined.rs"]

@@ -148,7 +148,7 @@ pub struct BuildOptions {
     /// Fewest triangles of a subtree that gets a proxy. 0: so many that all proxies take about 0.3 bytes for each
     /// triangle. Default 0.
     pub proxy_triangles: u32,
-    /// How finely smooth surfaces are diced. Default: to [`crate::import::surface::TOLERANCE`] of their extent.
+    /// How finely smooth surfaces are diced. Default: to [`crate::import::surfaces::TOLERANCE`] of their extent.
     pub dicing: Option<Dicing>,
     /// Faces of OBJ files are the cages of subdivision surfaces. Default: they are polygons.
     pub subdivide: bool,

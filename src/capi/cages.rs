@@ -103,30 +103,17 @@ struct Arrays {
     holes: Vec<u32>,
 }
 
-/// Copies an array.
-///
-/// # Safety
-/// The array is readable.
-unsafe fn copied<T: Copy>(array: *const T, count: u64, name: &'static str) -> Checked<Vec<T>> {
-    if count == 0 {
-        return Ok(Vec::new());
-    }
-    let array: Strided<T> = Strided::new(array, count, 0, name)?;
-    // SAFETY: the caller's contract. The number fits `usize`: the elements are in memory.
-    Ok((0..count as usize).map(|i| unsafe { array.get(i) }).collect())
-}
-
 impl Arrays {
     /// # Safety
     /// The arrays are readable.
     unsafe fn of(cage: &oc_cage) -> Checked<Self> {
         // SAFETY: the caller's contract, for all of them.
         unsafe {
-            let sharpness = copied(cage.crease_sharpness, cage.crease_count, "oc_cage.crease_sharpness")?;
-            let ends: Vec<[u32; 2]> = copied(cage.creases.cast(), cage.crease_count, "oc_cage.creases")?;
-            let of_corners = copied(cage.corner_sharpness, cage.corner_count, "oc_cage.corner_sharpness")?;
-            let corners = copied(cage.corners, cage.corner_count, "oc_cage.corners")?;
-            let indices = copied(cage.indices, cage.index_count, "oc_cage.indices")?;
+            let sharpness = Strided::copied(cage.crease_sharpness, cage.crease_count, "oc_cage.crease_sharpness")?;
+            let ends: Vec<[u32; 2]> = Strided::copied(cage.creases.cast(), cage.crease_count, "oc_cage.creases")?;
+            let of_corners = Strided::copied(cage.corner_sharpness, cage.corner_count, "oc_cage.corner_sharpness")?;
+            let corners = Strided::copied(cage.corners, cage.corner_count, "oc_cage.corners")?;
+            let indices = Strided::copied(cage.indices, cage.index_count, "oc_cage.indices")?;
             let face_sizes = match cage.face_sizes.is_null() {
                 true if cage.face_count.checked_mul(4) != Some(cage.index_count) => {
                     let (faces, indices) = (cage.face_count, cage.index_count);
@@ -134,7 +121,7 @@ impl Arrays {
                 }
                 // The number fits `usize`: the indices are in memory.
                 true => vec![4; cage.face_count as usize],
-                false => copied(cage.face_sizes, cage.face_count, "oc_cage.face_sizes")?,
+                false => Strided::copied(cage.face_sizes, cage.face_count, "oc_cage.face_sizes")?,
             };
             Ok(Self {
                 positions: positions(cage)?,
@@ -142,7 +129,7 @@ impl Arrays {
                 indices,
                 creases: ends.into_iter().zip(sharpness).map(|([a, b], sharp)| (a, b, sharp)).collect(),
                 corners: corners.into_iter().zip(of_corners).collect(),
-                holes: copied(cage.holes, cage.hole_count, "oc_cage.holes")?,
+                holes: Strided::copied(cage.holes, cage.hole_count, "oc_cage.holes")?,
             })
         }
     }
@@ -180,7 +167,7 @@ unsafe fn targets(input: &Input, cage: &oc_cage) -> Checked<(MeshKey, Vec<u32>)>
         return Ok((mesh, vec![part]));
     }
     // SAFETY: the caller's contract.
-    let given: Vec<u64> = unsafe { copied(cage.face_parts, cage.face_count, "oc_cage.face_parts")? };
+    let given: Vec<u64> = unsafe { Strided::copied(cage.face_parts, cage.face_count, "oc_cage.face_parts")? };
     let mut mesh = MeshKey::DIRECT;
     let mut parts = Vec::with_capacity(given.len());
     for part in given {

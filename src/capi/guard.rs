@@ -283,6 +283,16 @@ impl<T: Copy> Strided<T> {
         Ok(Self { base: base.cast_mut(), count: count as usize, stride: stride as usize })
     }
 
+    /// Copies a tightly packed array.
+    ///
+    /// # Safety
+    /// The array is readable, and no thread writes it.
+    pub(crate) unsafe fn copied(base: *const T, count: u64, name: &str) -> Checked<Vec<T>> {
+        let array = Self::new(base, count, 0, name)?;
+        // SAFETY: the caller's contract.
+        Ok((0..array.count).map(|i| unsafe { array.get(i) }).collect())
+    }
+
     fn at(&self, index: usize) -> *mut T {
         debug_assert!(index < self.count);
         self.base.cast::<u8>().wrapping_add(index * self.stride).cast()

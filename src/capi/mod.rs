@@ -29,6 +29,7 @@ pub mod looks;
 pub mod model;
 pub mod nearest;
 pub mod nested;
+pub mod nurbs;
 pub mod overlap;
 pub mod pixels;
 pub mod prefetch;

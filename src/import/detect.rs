@@ -1,6 +1,7 @@
 //! Detection of the file format: by the first bytes, and by the file extension only if these are ambiguous.
 
 use super::input::{Input, MARK, Parsed};
+use super::surfaces::Kind;
 use super::text;
 use crate::base::error::{Error, Place, Result};
 
@@ -14,6 +15,7 @@ pub(crate) enum Format {
     Raw,
     StlText,
     StlBinary,
+    Surfaces(Kind),
 }
 
 /// Number of bytes that are examined.
@@ -58,7 +60,11 @@ pub(crate) fn format(input: &mut Input) -> Result<Format> {
     let total = input.total();
     let path = input.path().to_path_buf();
     let ending = path.extension().map_or_else(String::new, |e| e.to_string_lossy().to_ascii_lowercase());
+    let name = path.file_name().map_or_else(String::new, |name| name.to_string_lossy().to_ascii_lowercase());
     let head = input.peek(HEAD)?;
+    if name.ends_with(".trimmed_nurbs.json") {
+        return Ok(Format::Surfaces(Kind::TrimmedNurbs));
+    }
     tell(head, total, &ending).map_err(|why| Error::parse(&path, Place::File, why))
 }
 
@@ -96,9 +102,10 @@ fn tell(head: &[u8], total: u64, ending: &str) -> Parsed<Format, String> {
         "obj" if !head.contains(&0) => Ok(Format::Obj),
         "obj" => Err("has the extension .obj, but contains binary data (a compiler's object file?)".into()),
         "ply" => Err("has the extension .ply, but does not begin with \"ply\"".into()),
+        "bpt" => Ok(Format::Surfaces(Kind::Bpt)),
         "off" => Err("is an OFF file, a format that is not supported".into()),
         "oc" => Err("is a built model, not a mesh file".into()),
-        _ => Err("is not a mesh file of a known format (PLY, OBJ, STL, glTF, GLB or raw soup)".into()),
+        _ => Err("is not a mesh file of a known format (PLY, OBJ, STL, glTF, GLB, BPT or raw soup)".into()),
     }
 }
 

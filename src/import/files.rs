@@ -1,6 +1,9 @@
 //! Several files as one input, with progress over all of them.
 
-use super::{Attributes, CageMesh, Dicing, MaterialDesc, MaterialKey, MeshKey, NurbsMesh, PartDesc, PartKey, ReadOptions, Sink, UpAxis, read_file};
+use super::{
+    Attributes, CageMesh, Dicing, MaterialDesc, MaterialKey, MeshKey, NurbsMesh, PartDesc, PartKey, ReadOptions, Sink,
+    UpAxis, read_file,
+};
 use crate::base::error::Result;
 use crate::base::progress::Cancel;
 use glam::{DAffine3, DVec3};

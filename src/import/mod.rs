@@ -24,7 +24,7 @@ mod pictures;
 mod ply;
 pub mod raw;
 mod stl;
-pub mod surface;
+pub mod surfaces;
 #[cfg(test)]
 mod testing;
 mod text;
@@ -44,7 +44,7 @@ pub use files::read_files;
 use glam::{DAffine3, DVec3, Vec3};
 use std::path::Path;
 use std::sync::Arc;
-pub use surface::{CageMesh, Dicing, NurbsMesh};
+pub use surfaces::{CageMesh, Dicing, NurbsMesh};
 
 /// Key of a mesh of a [`Sink`]: the directly placed triangles, or a mesh that instances repeat.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -220,7 +220,8 @@ impl ReadOptions {
 
 /// Reads the mesh file at `path` into `sink`. The format is detected by the content first, then by the file extension.
 ///
-/// Reads PLY, OBJ, STL, glTF 2.0 (`.gltf`, `.glb`) and the raw soup of this crate ([`raw`]). Memory grows with the real
+/// Reads PLY, OBJ, STL, glTF 2.0 (`.gltf`, `.glb`), the raw soup of this crate ([`raw`]), Bézier patches (`.bpt`) and
+/// NURBS faces without trims (`.trimmed_nurbs.json`, see [`surfaces::trimmed_nurbs`]). Memory grows with the real
 /// size of the file (at most 12 or 24 bytes per vertex for formats with global indices, less with
 /// [`ReadOptions::memory`]), never with the counts in a header. A file without parts of its own becomes one part with
 /// the name of the file, without folder and extension.
@@ -257,6 +258,7 @@ fn read_open(input: &mut input::Input, files: &Files<'_>, options: &ReadOptions,
         detect::Format::Raw => raw::read(input, sink),
         detect::Format::StlText => stl::read_text(input, sink),
         detect::Format::StlBinary => stl::read_binary(input, sink),
+        detect::Format::Surfaces(kind) => surfaces::read(input, kind, files, sink),
     }
 }
 

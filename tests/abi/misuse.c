@@ -166,6 +166,117 @@ static void logs(void) {
     oc_context_release(c);
 }
 
+/* Cages and their arrays. `mesh`: a shared mesh of two parts. */
+static void add_cages(oc_build *b, uint32_t mesh) {
+    oc_cage cage;
+    OC_INIT(&cage);
+    GARBAGE_SIZES(oc_cage, oc_build_add_cage(b, s));
+    INVALID(oc_build_add_cage(b, NULL));
+    INVALID(oc_build_add_cage(NULL, &cage));
+    OK(oc_build_add_cage(b, &cage)); /* nothing: NULL pointers with counts of 0 */
+    static const double points[] = {0, 0, 0, 1, 0, 0, 1, 1, 0, 0, 1, 0, 2, 0, 0, 2, 1, 0};
+    static const uint32_t faces[] = {0, 1, 2, 3, 1, 4, 5, 2}, sizes[] = {4, 4};
+    cage.positions = points, cage.position_count = 6, cage.scalar = OC_SCALAR_F64;
+    cage.face_count = 2;
+    INVALID(oc_build_add_cage(b, &cage)); /* no indices */
+    cage.index_count = 8;
+    INVALID(oc_build_add_cage(b, &cage)); /* NULL */
+    cage.indices = faces;
+    OK(oc_build_add_cage(b, &cage));
+    cage.face_sizes = sizes;
+    OK(oc_build_add_cage(b, &cage));
+    cage.index_count = 7;
+    INVALID(oc_build_add_cage(b, &cage));
+    cage.face_sizes = NULL;
+    INVALID(oc_build_add_cage(b, &cage));
+    cage.index_count = 8, cage.part = 99;
+    INVALID(oc_build_add_cage(b, &cage));
+    cage.part = 0;
+    static const uint64_t parts[] = {0, 1}, of_mesh[] = {0, 2};
+    cage.face_parts = parts;
+    OK(oc_build_add_cage(b, &cage));
+    cage.mesh = mesh, cage.face_parts = of_mesh;
+    INVALID(oc_build_add_cage(b, &cage)); /* part 2 of a mesh of two */
+    cage.mesh = 0, cage.face_parts = NULL;
+    static const uint32_t edge[] = {1, 2}, none[] = {0, 5};
+    float sharpness[] = {2};
+    cage.crease_count = 1;
+    INVALID(oc_build_add_cage(b, &cage)); /* NULL */
+    cage.creases = edge;
+    INVALID(oc_build_add_cage(b, &cage));
+    cage.crease_sharpness = sharpness;
+    OK(oc_build_add_cage(b, &cage));
+    cage.creases = none;
+    INVALID(oc_build_add_cage(b, &cage));
+    CHECK(strstr(oc_last_error(), "crease 0 to 5"));
+    cage.creases = edge, sharpness[0] = -1;
+    INVALID(oc_build_add_cage(b, &cage));
+    sharpness[0] = NAN;
+    INVALID(oc_build_add_cage(b, &cage));
+    cage.crease_count = 0, cage.corner_count = 1, sharpness[0] = 2;
+    INVALID(oc_build_add_cage(b, &cage));
+    cage.corners = none, cage.corner_sharpness = sharpness;
+    OK(oc_build_add_cage(b, &cage));
+    cage.corner_count = 0, cage.hole_count = 1;
+    INVALID(oc_build_add_cage(b, &cage));
+    cage.holes = edge;
+    OK(oc_build_add_cage(b, &cage));
+    cage.holes = none + 1; /* 5 of two faces */
+    INVALID(oc_build_add_cage(b, &cage));
+    cage.hole_count = 0, cage.boundary = 3;
+    INVALID(oc_build_add_cage(b, &cage));
+    cage.boundary = OC_BOUNDARY_NONE, cage.creasing = 2;
+    INVALID(oc_build_add_cage(b, &cage));
+    cage.creasing = OC_CREASING_CHAIKIN, cage.triangle_rule = 2;
+    INVALID(oc_build_add_cage(b, &cage));
+    cage.triangle_rule = OC_TRIANGLE_RULE_SMOOTH;
+    OK(oc_build_add_cage(b, &cage));
+    cage.scalar = 2;
+    INVALID(oc_build_add_cage(b, &cage));
+    cage.scalar = OC_SCALAR_F64, cage.position_stride = 23;
+    INVALID(oc_build_add_cage(b, &cage)); /* below a vertex */
+    cage.position_stride = 0, cage.position_count = 5;
+    INVALID(oc_build_add_cage(b, &cage));
+    CHECK(strstr(oc_last_error(), "vertex 5"));
+    cage.position_count = 6, cage.face_count = UINT64_MAX, cage.index_count = UINT64_MAX;
+    INVALID(oc_build_add_cage(b, &cage));
+}
+
+static void add_nurbs(oc_build *b) {
+    oc_nurbs surface;
+    OC_INIT(&surface);
+    GARBAGE_SIZES(oc_nurbs, oc_build_add_nurbs(b, s));
+    INVALID(oc_build_add_nurbs(b, NULL));
+    INVALID(oc_build_add_nurbs(NULL, &surface));
+    INVALID(oc_build_add_nurbs(b, &surface)); /* degree 0 */
+    static const double points[] = {0, 0, 0, 0, 1, 0, 1, 0, 0, 1, 1, 1};
+    double knots[] = {0, 0, 1, 1}, weights[] = {1, 1, 1, 1};
+    surface.degree_u = surface.degree_v = 1, surface.count_u = surface.count_v = 2;
+    INVALID(oc_build_add_nurbs(b, &surface)); /* NULL */
+    surface.knots_u = surface.knots_v = knots;
+    INVALID(oc_build_add_nurbs(b, &surface));
+    surface.points = points;
+    OK(oc_build_add_nurbs(b, &surface));
+    surface.weights = weights, surface.reversed = 1;
+    OK(oc_build_add_nurbs(b, &surface));
+    weights[2] = 0;
+    INVALID(oc_build_add_nurbs(b, &surface));
+    CHECK(strstr(oc_last_error(), "weight"));
+    weights[2] = 1, knots[1] = 2;
+    INVALID(oc_build_add_nurbs(b, &surface)); /* they decrease */
+    CHECK(strstr(oc_last_error(), "knots_u"));
+    knots[1] = 0, surface.part = 99;
+    INVALID(oc_build_add_nurbs(b, &surface));
+    surface.part = 0, surface.reversed = 2;
+    INVALID(oc_build_add_nurbs(b, &surface));
+    surface.reversed = 0, surface.reserved = 1;
+    INVALID(oc_build_add_nurbs(b, &surface));
+    surface.reserved = 0, surface.degree_u = 33;
+    INVALID(oc_build_add_nurbs(b, &surface));
+    surface.degree_u = 1, surface.count_u = surface.count_v = UINT32_MAX;
+    INVALID(oc_build_add_nurbs(b, &surface));
+}
+
 static void contents_of_builds(oc_context *c) {
     oc_build *b = NULL;
     INVALID(oc_build_create(c, NULL, NULL));
@@ -315,6 +426,8 @@ static void contents_of_builds(oc_context *c) {
     INVALID(oc_build_add_triangles(b, &t));
     t.position_count = UINT64_MAX, t.position_stride = UINT64_MAX;
     INVALID(oc_build_add_triangles(b, &t));
+    add_cages(b, mesh);
+    add_nurbs(b);
 
     oc_job *job = NULL;
     static char mesh_file[4096];

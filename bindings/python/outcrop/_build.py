@@ -299,6 +299,44 @@ class Build(Handle):
         cage.holes, cage.hole_count = address(empty), len(empty)
         lib.oc_build_add_cage(self._h, c.byref(cage))
 
+    def add_nurbs(self, part: int, points: ArrayLike, knots_u: ArrayLike, knots_v: ArrayLike, *,
+                  weights: ArrayLike | None = None, reversed: bool = False, mesh: int = 0) -> None:
+        """Adds a NURBS surface without trims, of degrees that follow from the numbers of points and knots.
+
+        It is diced into triangles as `add_cage` does.
+
+        part: id of the part; with `mesh`, the number of the part in the shared mesh, from 0.
+        points: (U, V, 3) control points, not multiplied by weights. A periodic surface repeats its first ones.
+        knots_u: U + degree + 1 numbers that do not decrease; the degree is from 1 to 32. `knots_v` likewise.
+        weights: (U, V) numbers above 0, or None: all are 1.
+        reversed: the outside is against du × dv.
+        mesh: number of a shared mesh, or 0: the surface is placed directly.
+
+        Raises:
+            ValueError, TypeError: an array has another shape. Nothing was added.
+        """
+        net = numpy.ascontiguousarray(points, numpy.float64)
+        if net.ndim != 3 or net.shape[2] != 3:
+            raise ValueError(f"points: expected shape (U, V, 3), not {given(net)}")
+        knots = [numpy.ascontiguousarray(one, numpy.float64) for one in (knots_u, knots_v)]
+        degrees = []
+        for name, count, along in zip("uv", net.shape, knots):
+            if along.ndim != 1 or not 1 <= len(along) - count - 1 <= 32:
+                raise ValueError(f"knots_{name}: expected from {count + 2} to {count + 33} numbers for {count} points, "
+                                 f"not {given(along)}")
+            degrees.append(len(along) - count - 1)
+        surface = _abi.oc_nurbs(mesh=whole("mesh", mesh, 32), part=whole("part", part), degree_u=degrees[0],
+                                degree_v=degrees[1], count_u=net.shape[0], count_v=net.shape[1],
+                                knots_u=address(knots[0]), knots_v=address(knots[1]), points=address(net),
+                                reversed=int(bool(reversed)))
+        factors = None
+        if weights is not None:
+            factors = numpy.ascontiguousarray(weights, numpy.float64)
+            if factors.shape != net.shape[:2]:
+                raise ValueError(f"weights: expected shape {net.shape[:2]}, not {given(factors)}")
+            surface.weights = address(factors)
+        lib.oc_build_add_nurbs(self._h, c.byref(surface))
+
     def add_shared_mesh(self, parts: int = 1) -> int:
         """Begins a mesh of so many parts that instances place any number of times. Returns its number, from 1."""
         number = c.c_uint32()

@@ -245,6 +245,35 @@ class Index(enum.IntEnum):
     """uint64_t."""
 
 
+class Boundary(enum.IntEnum):
+    """Where a subdivision surface ends."""
+
+    EDGES = 0
+    """Its boundary is a smooth curve along the boundary edges of the cage."""
+    EDGES_AND_CORNERS = 1
+    """Likewise, and the curve passes through boundary vertices that are in one face only."""
+    NONE = 2
+    """Faces at the boundary of the cage are no surface: they only shape their neighbours."""
+
+
+class Creasing(enum.IntEnum):
+    """Sharpness of creases after a subdivision."""
+
+    UNIFORM = 0
+    """One less than before."""
+    CHAIKIN = 1
+    """Chaikin's rule: one less than a mean over the edges of the crease that follow each other."""
+
+
+class TriangleRule(enum.IntEnum):
+    """Rule for triangles in a cage."""
+
+    CATMULL_CLARK = 0
+    """That of all faces."""
+    SMOOTH = 1
+    """Weights with which regular triangles become smoother surfaces."""
+
+
 class UpAxis(enum.IntEnum):
     """Axis that points up."""
 
@@ -601,8 +630,8 @@ class Format(enum.IntEnum):
 
 __all__ = [
     "Status", "State", "Phase", "LogLevel", "InstructionSet", "ContextFlags", "Property", "CameraKind", "Structure",
-    "Splits", "Resolution", "StandIns", "Scalar", "Index", "UpAxis", "PartFlags", "PlacementFlags", "LightKind",
-    "TransformForm", "LookFlags", "PartsFlags", "Want", "QueryFlags", "HitKind", "Side", "CursorFlags", "Holds",
-    "OverlapKind", "ClashDetail", "ClashSkipFlags", "ClashKind", "ClashOpenFlags", "NearestFlags", "View", "Buffer",
-    "FrameFlags", "Format",
+    "Splits", "Resolution", "StandIns", "Scalar", "Index", "Boundary", "Creasing", "TriangleRule", "UpAxis",
+    "PartFlags", "PlacementFlags", "LightKind", "TransformForm", "LookFlags", "PartsFlags", "Want", "QueryFlags",
+    "HitKind", "Side", "CursorFlags", "Holds", "OverlapKind", "ClashDetail", "ClashSkipFlags", "ClashKind",
+    "ClashOpenFlags", "NearestFlags", "View", "Buffer", "FrameFlags", "Format",
 ]

@@ -170,6 +170,18 @@ class BuildOptions(Value):
     """Least number of triangles that such a look stands for. 0: so many that all looks take about 0.3 bytes of
     memory for each triangle.
     """
+    surface_tolerance: float = 0.0
+    """Greatest distance between a smooth surface and the triangles into which it is diced, as sampled, in units of
+    the surface; finite. 0: 1/2048 of the surface's greatest extent. Not used with `surface_level`.
+    """
+    surface_level: int = 0
+    """Number of times that each side of a face of a smooth surface is halved, from 1 to 12. 0: `surface_tolerance`
+    decides.
+    """
+    subdivide: int = 0
+    """1: faces of OBJ files are the cages of subdivision surfaces, with the tags of OpenSubdiv's tools. 0: they are
+    polygons.
+    """
 
 
 @dataclass

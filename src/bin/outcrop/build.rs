@@ -4,7 +4,7 @@ use crate::common::{self, Outcome};
 use crate::output::Destination;
 use outcrop::base::progress::Progress;
 use outcrop::build::{BuildOptions, BuildReport, Builder, MOST_PROXY_RAYS, Splits, StandIns, Structure};
-use outcrop::import::surface::{Dicing, MOST_LEVEL};
+use outcrop::import::surfaces::{Dicing, MOST_LEVEL};
 use outcrop::import::{Access, UpAxis};
 use serde_json::{Value, json};
 use std::path::PathBuf;

@@ -3,7 +3,7 @@
 use super::tags::Tags;
 use crate::base::error::{Error, Place, Result};
 use crate::geom::surface::cage::CageDesc;
-use crate::import::surface::CageMesh;
+use crate::import::surfaces::CageMesh;
 use crate::import::{MeshKey, Sink};
 use glam::DVec3;
 use std::path::Path;

@@ -1,8 +1,9 @@
 //! The limit surface of a cage as quads for dicing.
 
 use super::level::Cage;
-use super::patches::CagePatches;
+use super::surface::CageSurface;
 use crate::base::error::Result;
+use crate::geom::surface::SurfacePoint;
 use crate::geom::surface::dice::{Quads, Sample, Side};
 use glam::DVec3;
 
@@ -11,23 +12,27 @@ use glam::DVec3;
 pub struct CageQuads<'a> {
     cage: &'a Cage,
     refined: Cage,
-    patches: CagePatches,
+    surface: CageSurface,
     /// The faces of `refined` that are no holes.
     faces: Vec<u32>,
 }
 
 impl<'a> CageQuads<'a> {
-    /// Those of a cage with its vertices. Fails as [`Cage::refine`] and [`CagePatches::new`].
+    /// Those of a cage with its vertices. Fails as [`Cage::refine`] and [`CageSurface::new`].
     pub fn new(cage: &'a Cage, positions: &[DVec3]) -> Result<Self> {
         let refined = cage.refine()?;
-        let patches = CagePatches::new(cage, positions)?;
+        let surface = CageSurface::new(cage, positions)?;
         let faces = (0..refined.face_count() as u32).filter(|face| !refined.is_hole(*face)).collect();
-        Ok(Self { cage, refined, patches, faces })
+        Ok(Self { cage, refined, surface, faces })
     }
 
     /// The face of the cage that a quad is of.
     pub fn face(&self, quad: usize) -> u32 {
         self.cage.parent(self.faces[quad]).0
+    }
+
+    fn at(&self, face: u32, corner: u32, u: f64, v: f64) -> SurfacePoint {
+        self.surface.quad(face, corner).map_or(SurfacePoint::default(), |quad| quad.evaluate(u, v))
     }
 }
 
@@ -64,9 +69,9 @@ impl Quads for CageQuads<'_> {
         let point = match self.cage.quads_of(face) {
             1 => {
                 let [left, low] = [[0.0, 0.0], [0.5, 0.0], [0.5, 0.5], [0.0, 0.5]][corner as usize];
-                self.patches.evaluate(face, 0, left + 0.5 * u, low + 0.5 * v)
+                self.at(face, 0, left + 0.5 * u, low + 0.5 * v)
             }
-            _ => self.patches.evaluate(face, corner, u, v),
+            _ => self.at(face, corner, u, v),
         };
         Sample { position: point.position, normal: point.normal() }
     }

@@ -108,7 +108,8 @@ fn tori_and_spheres_are_closed_and_near() {
             for (corners, normals) in &all {
                 let facet = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
                 // A corner on a coarser side may move to a pole: then all three are on one meridian.
-                let longest = (corners[1] - corners[0]).length_squared().max((corners[2] - corners[0]).length_squared());
+                let longest =
+                    (corners[1] - corners[0]).length_squared().max((corners[2] - corners[0]).length_squared());
                 assert!(facet.dot(normals[0].as_dvec3()) > -1e-7 * longest, "{corners:?}");
             }
         }

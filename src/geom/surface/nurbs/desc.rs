@@ -36,6 +36,11 @@ pub struct NurbsDesc<'a> {
 }
 
 impl NurbsDesc<'_> {
+    /// First and last parameter of u, and of v, of a valid description. Fails as [`super::Nurbs::new`].
+    pub fn domain(&self) -> Result<[[f64; 2]; 2]> {
+        Ok(self.check()?.each_ref().map(Knots::domain))
+    }
+
     /// Checks everything that the documentation of the fields says, and returns the knots.
     pub(super) fn check(&self) -> Result<[Knots; 2]> {
         let knots_u = Knots::new("knots_u", self.degree[0], self.counts[0], self.knots_u)?;

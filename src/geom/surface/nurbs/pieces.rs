@@ -45,6 +45,21 @@ impl Nurbs {
         let [rows, columns] = self.piece_counts();
         (0..rows).flat_map(move |i| (0..columns).map(move |j| self.piece([i, j])))
     }
+
+    /// The parts of all Bézier patches within a rectangle of parameters, v fastest. Those that would be empty are left
+    /// out.
+    pub fn pieces_within(&self, domain: [[f64; 2]; 2]) -> impl Iterator<Item = BezierPatch> + '_ {
+        let overlaps = |k: &Knots, at: usize, [begin, end]: [f64; 2]| {
+            let span = k.ends(k.span(at));
+            span[0] < end && begin < span[1]
+        };
+        let [rows, columns] = [0, 1].map(|axis| {
+            let spans = (0..self.knots[axis].span_count()).filter(|&at| overlaps(&self.knots[axis], at, domain[axis]));
+            spans.collect::<Vec<_>>()
+        });
+        let all = rows.into_iter().flat_map(move |i| columns.clone().into_iter().map(move |j| [i, j]));
+        all.map(move |at| self.piece(at).part(domain))
+    }
 }
 
 /// A span of one direction.

@@ -22,10 +22,9 @@ pub struct NurbsQuads<'a> {
 }
 
 impl<'a> NurbsQuads<'a> {
-    /// The quads of a surface.
-    pub fn new(surface: &'a Nurbs) -> Self {
-        let patches = surface.piece_counts();
-        let pieces: Vec<BezierPatch> = surface.pieces().collect();
+    /// The quads of a surface, or of the part of it over a rectangle of parameters, in u and in v.
+    pub fn new(surface: &'a Nurbs, domain: Option<[[f64; 2]; 2]>) -> Self {
+        let (patches, pieces) = pieces_in(surface, domain);
         let piece = |i: usize, j: usize| &pieces[i * patches[1] + j];
         let [last_i, last_j] = patches.map(|count| count - 1);
         let same = same(&pieces);
@@ -66,6 +65,23 @@ impl<'a> NurbsQuads<'a> {
         let grid = lines[0] * lines[1];
         at_point.map_or_else(|| i % lines[0] * lines[1] + j % lines[1], |point| grid + point) as u32
     }
+}
+
+/// Numbers of Bézier patches in a rectangle of parameters in both directions, and the patches. All if it is empty.
+fn pieces_in(surface: &Nurbs, domain: Option<[[f64; 2]; 2]>) -> ([usize; 2], Vec<BezierPatch>) {
+    let (counts, [u, v]) = (surface.piece_counts(), domain.unwrap_or(surface.domain()));
+    let is_in = |[from, to]: [f64; 2], [begin, end]: [f64; 2]| from < end && begin < to;
+    let along = |axis: usize, within: [f64; 2]| -> Vec<usize> {
+        let at = |i: usize| surface.piece(if axis == 0 { [i, 0] } else { [0, i] }).domain()[axis];
+        (0..counts[axis]).filter(|i| is_in(at(*i), within)).collect()
+    };
+    let (rows, columns) = (along(0, u), along(1, v));
+    if rows.is_empty() || columns.is_empty() {
+        return (counts, surface.pieces().collect());
+    }
+    let pieces = rows.iter().flat_map(|i| columns.iter().map(|j| surface.piece([*i, *j]).part([u, v])));
+    let pieces = pieces.collect();
+    ([rows.len(), columns.len()], pieces)
 }
 
 /// The control points on a border of a patch, without the weights: v = first, v = last, u = first, u = last.

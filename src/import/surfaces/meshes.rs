@@ -1,9 +1,9 @@
 //! Smooth surfaces of an input.
 
-pub use crate::geom::surface::dice::{Dicing, MOST_LEVEL};
 use crate::base::error::{Error, Result};
 use crate::base::progress::Cancel;
 use crate::geom::surface::cage::{Cage, CageDesc, CageQuads};
+pub use crate::geom::surface::dice::{Dicing, MOST_LEVEL};
 use crate::geom::surface::dice::{Micro, dice};
 use crate::geom::surface::nurbs::{Nurbs, NurbsDesc, NurbsQuads};
 use glam::DVec3;
@@ -23,7 +23,7 @@ pub struct CageMesh<'a> {
 pub const TOLERANCE: f64 = 1.0 / 2048.0;
 
 impl CageMesh<'_> {
-    /// Dices the limit surface. `emit` receives the triangles of a part; those of a face follow each other, and faces
+    /// Dices the limit surface. A level is that of the sides of faces, at least 1. `emit` receives the triangles of a part; those of a face follow each other, and faces
     /// are in ascending order. `dicing`: `None` for [`TOLERANCE`].
     ///
     /// Fails with `BadArgument`, which names the face, edge or vertex that is wrong, and with the errors of `emit`.
@@ -43,7 +43,12 @@ impl CageMesh<'_> {
         let cage = Cage::new(&self.desc, self.positions.len())?;
         let part = |face: u32| self.parts[if self.parts.len() == 1 { 0 } else { face as usize }];
         let quads = CageQuads::new(&cage, self.positions)?;
-        dice(&quads, or_default(dicing, self.positions), &mut |quad, micro| {
+        // The quads have half the sides of the faces.
+        let dicing = match or_default(dicing, extent(self.positions)) {
+            Dicing::Level(level) => Dicing::Level(level.saturating_sub(1)),
+            tolerance => tolerance,
+        };
+        dice(&quads, dicing, &mut |quad, micro| {
             cancel.check()?;
             emit(part(quads.face(quad)), micro)
         })
@@ -57,6 +62,10 @@ pub struct NurbsMesh<'a> {
     pub desc: NurbsDesc<'a>,
     /// The normal is against du × dv, and the triangles are clockwise along it.
     pub is_reversed: bool,
+    /// The rectangle of parameters that it covers, in u and in v; `None` for all.
+    pub domain: Option<[[f64; 2]; 2]>,
+    /// The extent of which the tolerance is a fraction if none is asked; 0: that of its control points.
+    pub extent: f64,
     /// A part, or a local part of a shared mesh.
     pub part: u32,
 }
@@ -72,8 +81,9 @@ impl NurbsMesh<'_> {
         emit: &mut dyn FnMut(u32, &Micro) -> Result<()>,
     ) -> Result<()> {
         let surface = Nurbs::new(&self.desc)?;
+        let extent = if self.extent > 0.0 { self.extent } else { extent(self.desc.points) };
         let mut turned = Micro::default();
-        dice(&NurbsQuads::new(&surface), or_default(dicing, self.desc.points), &mut |_, micro| {
+        dice(&NurbsQuads::new(&surface, self.domain), or_default(dicing, extent), &mut |_, micro| {
             cancel.check()?;
             if !self.is_reversed {
                 return emit(self.part, micro);
@@ -87,9 +97,14 @@ impl NurbsMesh<'_> {
     }
 }
 
-/// `dicing`, or the default for a surface with these control points.
-fn or_default(dicing: Option<Dicing>, points: &[DVec3]) -> Dicing {
+/// `dicing`, or the default for a surface of this extent.
+fn or_default(dicing: Option<Dicing>, extent: f64) -> Dicing {
+    dicing.unwrap_or(Dicing::Tolerance((extent * TOLERANCE).max(f64::MIN_POSITIVE)))
+}
+
+/// The greatest extent of points.
+fn extent(points: &[DVec3]) -> f64 {
     let all = points.iter();
     let (low, high) = all.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(a, b), p| (a.min(*p), b.max(*p)));
-    dicing.unwrap_or_else(|| Dicing::Tolerance(((high - low).max_element() * TOLERANCE).max(f64::MIN_POSITIVE)))
+    (high - low).max_element()
 }

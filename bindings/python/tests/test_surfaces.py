@@ -1,0 +1,104 @@
+"""Smooth surfaces from arrays and files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy
+import pytest
+
+import outcrop
+
+CUBE = numpy.array([(x, y, z) for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)], float)
+FACES = numpy.array([(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)])
+
+
+def directions(count: int) -> numpy.ndarray:
+    """Unit vectors in all directions."""
+    z = 1 - (2 * numpy.arange(count) + 1) / count
+    turn, r = numpy.arange(count) * 2.399963229728653, numpy.sqrt(1 - z * z)
+    return numpy.stack([r * numpy.cos(turn), r * numpy.sin(turn), z], 1).astype(numpy.float32)
+
+
+def distances(context: outcrop.Context, path: Path) -> numpy.ndarray:
+    """Distances from the origin in all directions; infinite where a ray leaves the model."""
+    with context.open(path) as model, context.scene(model) as scene:
+        return scene.closest(numpy.zeros(3), directions(5000)).t
+
+
+def test_cages_are_smooth_and_closed(context: outcrop.Context, tmp_path: Path) -> None:
+    options = outcrop.BuildOptions(surface_level=4)
+    with context.new_build(options) as build:
+        parts = [build.add_part(None, id=10 + face) for face in range(6)]
+        build.add_cage(parts, CUBE, FACES)
+        with build.start(tmp_path / "cube.oc") as job:
+            assert job.result().triangles_in == 6 * 2 * 4**4
+    smooth = distances(context, tmp_path / "cube.oc")
+    assert numpy.isfinite(smooth).all() and smooth.max() < 1
+    # The middle of a face of a cube: 1/2 of the way, by the masks of the limit.
+    assert abs(smooth.min() - 0.5) < 0.01
+    with context.open(tmp_path / "cube.oc") as model, context.scene(model) as scene:
+        assert scene.closest((5, 0.01, 0.02), (-1, 0, 0)).part == 15
+
+    with context.new_build(options) as build:
+        edges = {tuple(sorted((a, b))) for face in FACES for a, b in zip(face, numpy.roll(face, 1))}
+        part = build.add_part("sharp")
+        build.add_cage(part, CUBE.astype(numpy.float32), FACES.ravel(), [4] * 6, creases=sorted(edges),
+                       crease_sharpness=numpy.full(12, 10.0), corners=numpy.arange(8))
+        with build.start(tmp_path / "sharp.oc") as job:
+            job.result()
+    # All edges sharp: the cube itself.
+    sharp = distances(context, tmp_path / "sharp.oc") * numpy.abs(directions(5000)).max(1)
+    assert numpy.allclose(sharp, 1, atol=1e-6)
+
+
+def test_wrong_cages_are_refused(context: outcrop.Context) -> None:
+    with context.new_build() as build:
+        part = build.add_part("cube")
+        with pytest.raises(ValueError, match="faces"):
+            build.add_cage(part, CUBE, FACES.ravel())
+        with pytest.raises(ValueError, match="creases"):
+            build.add_cage(part, CUBE, FACES, creases=[(0, 1, 2)])
+        with pytest.raises(ValueError, match="crease_sharpness"):
+            build.add_cage(part, CUBE, FACES, creases=[(0, 1)], crease_sharpness=[1, 2])
+        with pytest.raises(outcrop.Error, match="crease 0 to 7"):
+            build.add_cage(part, CUBE, FACES, creases=[(0, 7)])
+        with pytest.raises(outcrop.Error, match="face 6|hole 6"):
+            build.add_cage(part, CUBE, FACES, holes=[6])
+        with pytest.raises(ValueError, match="part"):
+            build.add_cage([part, part], CUBE, FACES)
+
+
+def test_spheres_of_nurbs(context: outcrop.Context, tmp_path: Path) -> None:
+    half = numpy.sqrt(0.5)
+    ring = numpy.array([(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1), (1, 0)], float)
+    profile = numpy.array([(0, -1), (1, -1), (1, 0), (1, 1), (0, 1)], float)
+    points = numpy.zeros((9, 5, 3))
+    points[..., :2], points[..., 2] = ring[:, None] * profile[None, :, :1], profile[:, 1]
+    weights = numpy.outer(numpy.where(numpy.arange(9) % 2, half, 1), numpy.where(numpy.arange(5) % 2, half, 1))
+    knots_u, knots_v = [0, 0, 0, 1, 1, 2, 2, 3, 3, 4, 4, 4], [0, 0, 0, 1, 1, 2, 2, 2]
+    with context.new_build(outcrop.BuildOptions(surface_tolerance=1e-4)) as build:
+        part = build.add_part("sphere")
+        build.add_nurbs(part, points, knots_u, knots_v, weights=weights)
+        with build.start(tmp_path / "sphere.oc") as job:
+            job.result()
+    away = distances(context, tmp_path / "sphere.oc")
+    assert numpy.abs(away - 1).max() <= 1e-4
+    with context.new_build() as build:
+        part = build.add_part("wrong")
+        with pytest.raises(ValueError, match="points"):
+            build.add_nurbs(part, points[0], knots_u, knots_v)
+        with pytest.raises(ValueError, match="knots_v"):
+            build.add_nurbs(part, points, knots_u, knots_v[:5])
+        with pytest.raises(ValueError, match="weights"):
+            build.add_nurbs(part, points, knots_u, knots_v, weights=weights.T)
+        with pytest.raises(outcrop.Error, match="weight"):
+            build.add_nurbs(part, points, knots_u, knots_v, weights=-weights)
+
+
+def test_files_of_cages(context: outcrop.Context, tmp_path: Path) -> None:
+    lines = [f"v {x} {y} {z}" for x, y, z in CUBE] + ["f " + " ".join(str(v + 1) for v in face) for face in FACES]
+    (tmp_path / "cube.obj").write_text("\n".join(lines + ["t crease 2/1/0 0 1 2"]))
+    options = outcrop.BuildOptions(surface_level=2, subdivide=1)
+    report = context.build(tmp_path / "cube.obj", tmp_path / "cube.oc", options=options)
+    assert report.triangles_in == 6 * 2 * 4**2 and not report.texts
