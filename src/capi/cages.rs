@@ -224,7 +224,7 @@ pub unsafe extern "C" fn oc_build_add_cage(build: *mut oc_build, cage: *const oc
         with_input(build, |input| {
             let (mesh, parts) = targets(input, &cage)?;
             let desc = CageDesc { face_sizes, indices, creases, corners, holes, boundary, creasing, triangles };
-            Ok(input.builder.cage(mesh, &CageMesh { desc, positions, parts: &parts })?)
+            Ok(input.builder.cage(mesh, &CageMesh { desc, positions, parts: &parts, displacement: None })?)
         })
     })
 }

@@ -10,7 +10,7 @@ use outcrop::base::error::Error;
 use outcrop::base::progress::{Cancel, Progress};
 use outcrop::build::{BuildOptions, BuildReport, Builder};
 use outcrop::geom::point_triangle;
-use outcrop::geom::surface::cage::CageSurface;
+use outcrop::geom::surface::cage::CagePatches;
 use outcrop::geom::surface::nurbs::NurbsDesc;
 use outcrop::import::surfaces::{CageMesh, Dicing, NurbsMesh};
 use outcrop::import::{MeshKey, PartDesc, Sink};
@@ -29,7 +29,7 @@ fn cage(shape: &Shape, dicing: Dicing, by_face: bool) -> (Built, BuildReport) {
         let count = if by_face { shape.sizes.len() as u64 } else { 1 };
         let part = |id| PartDesc { id: Some(id), ..PartDesc::default() };
         let parts: Vec<u32> = (0..count).map(|id| builder.part(part(id)).expect("a part")).collect();
-        let mesh = CageMesh { desc: shape.desc(), positions: &shape.points, parts: &parts };
+        let mesh = CageMesh { desc: shape.desc(), positions: &shape.points, parts: &parts, displacement: None };
         builder.cage(MeshKey::DIRECT, &mesh).expect("a surface");
     })
 }
@@ -64,11 +64,11 @@ fn is_closed(shape: &Shape) -> bool {
 fn fine(shape: &Shape) -> Vec<[DVec3; 3]> {
     const SIDE: usize = 48;
     let (cage, mut all) = (shape.cage(), Vec::new());
-    let surface = CageSurface::new(&cage, &shape.points).expect("a surface");
+    let surface = CagePatches::new(&cage, &shape.points).expect("a surface");
     for face in 0..cage.face_count() as u32 {
         for corner in 0..cage.quads_of(face) {
-            let quad = surface.quad(face, corner).expect("a quad");
-            let at = |i: usize, j: usize| quad.evaluate(i as f64 / SIDE as f64, j as f64 / SIDE as f64).position;
+            let share = |i: usize| i as f64 / SIDE as f64;
+            let at = |i: usize, j: usize| surface.evaluate(face, corner, share(i), share(j)).position;
             for (i, j) in (0..SIDE * SIDE).map(|n| (n / SIDE, n % SIDE)) {
                 let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
                 all.extend([[a, b, c], [a, c, d]]);
@@ -276,7 +276,7 @@ fn wrong_surfaces_are_refused_and_add_nothing() {
     let mut refused = |change: &dyn Fn(&mut Shape), parts: &[u32], why: &str| {
         let mut wrong = shape.clone();
         change(&mut wrong);
-        let mesh = CageMesh { desc: wrong.desc(), positions: &wrong.points, parts };
+        let mesh = CageMesh { desc: wrong.desc(), positions: &wrong.points, parts, displacement: None };
         match builder.cage(MeshKey::DIRECT, &mesh) {
             Err(Error::BadArgument(text)) => assert!(text.contains(why), "{text}, not {why}"),
             other => panic!("{other:?}, not {why}"),

@@ -2,6 +2,7 @@
 
 pub mod cage;
 pub mod dice;
+pub mod displacement;
 pub mod nurbs;
 pub mod point;
 

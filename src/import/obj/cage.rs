@@ -42,7 +42,7 @@ impl Cage {
             creasing: tags.creasing.unwrap_or_default(),
             triangles: tags.triangles.unwrap_or_default(),
         };
-        let mesh = CageMesh { desc, positions: &positions, parts: &self.parts };
+        let mesh = CageMesh { desc, positions: &positions, parts: &self.parts, displacement: None };
         sink.cage(MeshKey::DIRECT, &mesh).map_err(|error| match error {
             Error::BadArgument(why) => Error::parse(file, Place::File, why),
             other => other,

@@ -2,7 +2,7 @@
 
 use crate::base::error::{Error, Result};
 use crate::base::progress::Cancel;
-use crate::geom::surface::cage::{Cage, CageDesc, CageQuads};
+use crate::geom::surface::cage::{Cage, CageDesc, CageQuads, Displacement};
 pub use crate::geom::surface::dice::{Dicing, MOST_LEVEL};
 use crate::geom::surface::dice::{Micro, dice};
 use crate::geom::surface::nurbs::{Nurbs, NurbsDesc, NurbsQuads};
@@ -17,6 +17,8 @@ pub struct CageMesh<'a> {
     pub positions: &'a [DVec3],
     /// The part of each face, or one for all.
     pub parts: &'a [u32],
+    /// Heights by which the surface is moved along its normal. Edges and corners move by the mean of their faces.
+    pub displacement: Option<Displacement<'a>>,
 }
 
 /// Tolerance of surfaces for which none is asked, as a fraction of the greatest extent of its control points.
@@ -42,7 +44,7 @@ impl CageMesh<'_> {
         }
         let cage = Cage::new(&self.desc, self.positions.len())?;
         let part = |face: u32| self.parts[if self.parts.len() == 1 { 0 } else { face as usize }];
-        let quads = CageQuads::new(&cage, self.positions)?;
+        let quads = CageQuads::new(&cage, self.positions, self.displacement)?;
         // The quads have half the sides of the faces.
         let dicing = match or_default(dicing, extent(self.positions)) {
             Dicing::Level(level) => Dicing::Level(level.saturating_sub(1)),

@@ -5,6 +5,7 @@ mod bicubic;
 mod bounds;
 mod crease;
 mod desc;
+mod displaced;
 mod evaluate;
 mod level;
 mod limit;
@@ -24,6 +25,7 @@ mod tests;
 
 pub use around::{Finder, Neighbourhood};
 pub use desc::{Boundary, CageDesc, Creasing, MAX_VALENCE, TriangleRule};
+pub use displaced::Displacement;
 pub use level::Cage;
 pub use patches::CagePatches;
 pub use plan::{Plan, Plans};

@@ -1,9 +1,9 @@
 //! The limit surface of a cage as quads for dicing.
 
+use super::displaced::Displacement;
 use super::level::Cage;
-use super::surface::CageSurface;
+use super::patches::CagePatches;
 use crate::base::error::Result;
-use crate::geom::surface::SurfacePoint;
 use crate::geom::surface::dice::{Quads, Sample, Side};
 use glam::DVec3;
 
@@ -12,18 +12,21 @@ use glam::DVec3;
 pub struct CageQuads<'a> {
     cage: &'a Cage,
     refined: Cage,
-    surface: CageSurface,
+    surface: CagePatches,
+    displacement: Option<Displacement<'a>>,
     /// The faces of `refined` that are no holes.
     faces: Vec<u32>,
 }
 
 impl<'a> CageQuads<'a> {
-    /// Those of a cage with its vertices. Fails as [`Cage::refine`] and [`CageSurface::new`].
-    pub fn new(cage: &'a Cage, positions: &[DVec3]) -> Result<Self> {
+    /// Those of a cage with its vertices. Fails as [`Cage::refine`] and [`CagePatches::new`], and with `BadArgument` if
+    /// the displacement does not match the cage.
+    pub fn new(cage: &'a Cage, positions: &[DVec3], displacement: Option<Displacement<'a>>) -> Result<Self> {
+        displacement.map_or(Ok(()), |it| it.check(cage))?;
         let refined = cage.refine()?;
-        let surface = CageSurface::new(cage, positions)?;
+        let surface = CagePatches::new(cage, positions)?;
         let faces = (0..refined.face_count() as u32).filter(|face| !refined.is_hole(*face)).collect();
-        Ok(Self { cage, refined, surface, faces })
+        Ok(Self { cage, refined, surface, displacement, faces })
     }
 
     /// The face of the cage that a quad is of.
@@ -31,8 +34,14 @@ impl<'a> CageQuads<'a> {
         self.cage.parent(self.faces[quad]).0
     }
 
-    fn at(&self, face: u32, corner: u32, u: f64, v: f64) -> SurfacePoint {
-        self.surface.quad(face, corner).map_or(SurfacePoint::default(), |quad| quad.evaluate(u, v))
+    /// The face of the cage and its corner that a quad is of, and the parameters there of those of the quad.
+    fn place(&self, quad: usize, u: f64, v: f64) -> ([u32; 2], [f64; 2]) {
+        let (face, corner) = self.cage.parent(self.faces[quad]);
+        if self.cage.quads_of(face) > 1 {
+            return ([face, corner], [u, v]);
+        }
+        let [left, low] = [[0.0, 0.0], [0.5, 0.0], [0.5, 0.5], [0.0, 0.5]][corner as usize];
+        ([face, 0], [left + 0.5 * u, low + 0.5 * v])
     }
 }
 
@@ -65,14 +74,17 @@ impl Quads for CageQuads<'_> {
     }
 
     fn sample(&self, quad: usize, u: f64, v: f64) -> Sample {
-        let (face, corner) = self.cage.parent(self.faces[quad]);
-        let point = match self.cage.quads_of(face) {
-            1 => {
-                let [left, low] = [[0.0, 0.0], [0.5, 0.0], [0.5, 0.5], [0.0, 0.5]][corner as usize];
-                self.at(face, 0, left + 0.5 * u, low + 0.5 * v)
-            }
-            _ => self.at(face, corner, u, v),
-        };
-        Sample { position: point.position, normal: point.normal() }
+        let (of, at) = self.place(quad, u, v);
+        let point = self.surface.evaluate(of[0], of[1], at[0], at[1]);
+        match &self.displacement {
+            Some(displacement) => displacement.sample(self.cage, of, at, &point),
+            None => Sample { position: point.position, normal: point.normal() },
+        }
+    }
+
+    fn least_level(&self, quad: usize) -> u32 {
+        let ([face, corner], _) = self.place(quad, 0.0, 0.0);
+        let of_face = self.displacement.map_or(0, |it| it.least_level(self.cage, face, corner));
+        of_face.saturating_sub(u32::from(self.cage.quads_of(face) == 1))
     }
 }

@@ -99,7 +99,7 @@ fn levels_of<Q: Quads>(surface: &Q, dicing: Dicing) -> Vec<u8> {
                 let (u, v) = on_side(which, t);
                 surface.sample(quad, u, v).position
             };
-            *level = levels::of_edge(&at, dicing) as u8;
+            *level = levels::of_edge(&at, surface.least_level(quad), dicing) as u8;
         }
     });
     // Edges of no quad.

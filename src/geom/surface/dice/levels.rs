@@ -10,8 +10,8 @@ const SHARE: f64 = 0.7;
 /// Greatest number of cells along a side of a quad that are looked at, of each level.
 const CELLS: usize = 8;
 
-/// The level of an edge, by points along it at parameters from 0 to 1.
-pub fn of_edge(at: &dyn Fn(f64) -> DVec3, dicing: Dicing) -> u32 {
+/// The level of an edge, `least` or more, by points along it at parameters from 0 to 1.
+pub fn of_edge(at: &dyn Fn(f64) -> DVec3, least: u32, dicing: Dicing) -> u32 {
     let most = match dicing {
         Dicing::Level(level) => return level,
         Dicing::Tolerance(tolerance) => tolerance * SHARE,
@@ -24,7 +24,7 @@ pub fn of_edge(at: &dyn Fn(f64) -> DVec3, dicing: Dicing) -> u32 {
             (1..4).all(|j| point_triangle(at(place(4 * i + j)), &[from, from, to]).squared <= most * most)
         })
     };
-    (0..MOST_LEVEL).find(|level| is_near(*level)).unwrap_or(MOST_LEVEL)
+    (least..MOST_LEVEL).find(|level| is_near(*level)).unwrap_or(MOST_LEVEL)
 }
 
 /// The level of a quad's grid, `least` or more.
@@ -33,6 +33,7 @@ pub fn of_quad<Q: Quads>(surface: &Q, quad: usize, least: u32, dicing: Dicing) -
         Dicing::Level(level) => return level,
         Dicing::Tolerance(tolerance) => tolerance * SHARE,
     };
+    let least = least.max(surface.least_level(quad));
     let at = |u: f64, v: f64| surface.sample(quad, u, v).position;
     let is_near = |level: u32| {
         let count = 1usize << level;

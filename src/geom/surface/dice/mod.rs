@@ -76,6 +76,10 @@ pub trait Quads {
     fn sides(&self, quad: usize) -> [Side; 4];
     /// The point at (u, v).
     fn sample(&self, quad: usize, u: f64, v: f64) -> Sample;
+    /// The lowest level of a quad and of its sides that a tolerance may choose.
+    fn least_level(&self, _quad: usize) -> u32 {
+        0
+    }
 }
 
 /// Triangles of a quad.

@@ -8,6 +8,7 @@ use super::bezier::BezierPatch;
 use super::normals::binomials;
 use super::surface::Nurbs;
 use crate::geom::surface::SurfacePoint;
+use crate::geom::surface::displacement::NormalFrame;
 use glam::{DVec2, DVec3};
 
 /// A normal is taken from the derivatives if rounding turns it by less than about 10⁻⁷.
@@ -56,6 +57,18 @@ impl Nurbs {
         let patch = self.patch_around(u, v);
         let is_reliable = is_reliable(&point, patch.steepest(), RELIABLE_CURVATURE);
         if is_reliable { point.curvatures() } else { Corner::at(&patch, u, v).curvatures() }
+    }
+
+    /// The normal and its derivatives at (u, v), or at a pole the limit of the normal with derivatives from the mean of
+    /// the limits of both curvatures; 0 where these have none. `None` if the surface has no normal.
+    pub fn frame_limit(&self, u: f64, v: f64) -> Option<NormalFrame> {
+        let point = self.evaluate(u, v);
+        if self.is_regular(&point) || is_reliable(&point, self.patch_around(u, v).steepest(), RELIABLE_CURVATURE) {
+            return NormalFrame::of(&point);
+        }
+        let normal = Some(self.normal_limit(u, v)).filter(|normal| *normal != DVec3::ZERO)?;
+        let curvature = self.curvature_limit(u, v).map_or(0.0, |[a, b]| 0.5 * (a + b));
+        Some(NormalFrame::at_pole(&point, normal, curvature))
     }
 
     /// True if no derivative is so short, and no angle of theirs so small, that a pole may be near: the fast way.

@@ -20,7 +20,7 @@ mod quads;
 mod surface;
 mod tensor;
 #[cfg(test)]
-mod tests;
+pub(super) mod tests;
 
 pub use bezier::BezierPatch;
 pub use cone::NormalCone;

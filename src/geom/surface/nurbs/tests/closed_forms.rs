@@ -38,7 +38,7 @@ fn revolved(profile: &[(DVec2, f64)], degree: u32, knots_v: Vec<f64>) -> Owned {
     Owned { degree: [2, degree], counts, knots: [circle_knots(4), knots_v], points, weights: Some(weights) }
 }
 
-fn sphere() -> Owned {
+pub(crate) fn sphere() -> Owned {
     revolved(&circle(DVec2::NEG_Y, 2), 2, circle_knots(2))
 }
 

@@ -2,6 +2,7 @@
 
 mod bad_input;
 mod closed_forms;
+pub(crate) use closed_forms::sphere;
 mod enclosure;
 mod oracle;
 mod pieces;
