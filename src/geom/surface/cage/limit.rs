@@ -110,7 +110,7 @@ impl Ring {
         let into_vertex = 0.375 * inner + 0.25 * faces;
         // (λ − 1/2) b − (1 − own) a / 2 = first; (λ − own) a − (b₀ + b_k) / 2 = into_vertex.
         let (half, gain) = (lambda - 0.5, (1.0 - own) / 2.0);
-        let (vertex, ends) = if p % 2 == 0 {
+        let (vertex, ends) = if p.is_multiple_of(2) {
             (0.0, [first / half, -first / half])
         } else {
             let det = half * (lambda - own) - gain;
