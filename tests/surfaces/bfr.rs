@@ -95,14 +95,17 @@ fn compare(shape: &Shape, records: &[Record]) -> Differences {
     for (i, r) in records.iter().enumerate() {
         let p = surface.evaluate(r.face, r.corner, r.u, r.v);
         let expected = r.du.cross(r.dv).normalize_or_zero();
-        let (position, normal) = (p.position.distance(r.position) / extent, p.normal().distance(expected));
+        // Faces that are a point or a line have no normal.
+        let has_normal = r.du.cross(r.dv).length() > 1e-9 * extent * extent;
+        let off = |normal: DVec3, from: DVec3| if has_normal { normal.distance(from) } else { 0.0 };
+        let (position, normal) = (p.position.distance(r.position) / extent, off(p.normal(), expected));
         if [r.u, r.v].iter().any(|&t| t.min(1.0 - t) > APPROXIMATED) {
             most.bfr.add(position, normal);
             most.derivative = most.derivative.max(p.du.distance(r.du) / r.du.length());
         } else if i % step == 0 {
             let deep = deep::limit(shape, r.face, r.corner, r.u, r.v);
-            most.deep.add(p.position.distance(deep.position) / extent, p.normal().distance(deep.normal));
-            most.bfr_from_deep.add(r.position.distance(deep.position) / extent, expected.distance(deep.normal));
+            most.deep.add(p.position.distance(deep.position) / extent, off(p.normal(), deep.normal));
+            most.bfr_from_deep.add(r.position.distance(deep.position) / extent, off(expected, deep.normal));
         }
     }
     most

@@ -126,8 +126,8 @@ impl Plan {
     ///
     /// A sum of n weighted points, of weights that sum to 1, errs by at most (n + 2) u of the greatest of them, u =
     /// 2⁻⁵³ (weights are rounded once or twice, products once, sums n − 1 times). Each level adds as much, and mirrored
-    /// points grow it ninefold at most, once. Near irregular vertices errors shrink with the ring; twice the first level
-    /// holds for all. Evaluation adds two sums of four.
+    /// points grow it ninefold at most, once. Near irregular vertices errors shrink with the ring; twice the first
+    /// level holds for all. Evaluation adds two sums of four.
     pub fn rounding(&self) -> f64 {
         let levels = f64::from(self.depth + 2) * f64::from(self.longest + 2);
         let levels = if self.depth == 0 && self.patterns.is_empty() { 0.0 } else { levels };

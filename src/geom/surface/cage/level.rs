@@ -27,8 +27,8 @@ pub struct Cage {
 impl Cage {
     /// The cage of a description with `vertices` vertices.
     ///
-    /// Non-manifold edges (of more than two faces, of two faces of opposite orientation, twice in a face, or from a vertex
-    /// to itself) and vertices are infinitely sharp.
+    /// Non-manifold edges (of more than two faces, of two faces of opposite orientation, twice in a face, or from a
+    /// vertex to itself) and vertices are infinitely sharp.
     ///
     /// # Errors
     /// [`Error::BadArgument`] names the face, edge or vertex: a face of fewer than 3 or more than [`MAX_VALENCE`]
@@ -111,8 +111,8 @@ impl Cage {
         }
     }
 
-    /// Vertices of one face are sharp under one of the boundary rules, non-manifold ones always: except on the crease of
-    /// two non-manifold edges at which further faces end, which is smooth along its length.
+    /// Vertices of one face are sharp under one of the boundary rules, non-manifold ones always: except on the crease
+    /// of two non-manifold edges at which further faces end, which is smooth along its length.
     fn sharpen_vertices(&mut self, boundary: Boundary) {
         let topology = &self.topology;
         let mut walk = Vec::new();

@@ -1,9 +1,10 @@
 //! The limit at a vertex: its point and two vectors that span its tangent plane, as weights of the points around it.
 //!
 //! They are left eigenvectors of the matrix that takes one level's points to the next: Halstead, Kass, DeRose,
-//! "Efficient, fair interpolation using Catmull-Clark surfaces", SIGGRAPH 1993; Biermann, Levin, Zorin, "Piecewise smooth
-//! subdivision surfaces with normal control", SIGGRAPH 2000, section 4. The rules here are without that paper's changes,
-//! so that at creases and corners of three faces or more the vectors differ from OpenSubdiv's masks, which have them.
+//! "Efficient, fair interpolation using Catmull-Clark surfaces", SIGGRAPH 1993; Biermann, Levin, Zorin, "Piecewise
+//! smooth subdivision surfaces with normal control", SIGGRAPH 2000, section 4. The rules here are without that paper's
+//! changes, so that at creases and corners of three faces or more the vectors differ from OpenSubdiv's masks, which
+//! have them.
 //!
 //! Points around the vertex v in a sector of k faces, in the order of the ring: v, e₀, f₀, e₁, f₁, ..., e_k.
 
@@ -109,7 +110,7 @@ impl Ring {
         let into_vertex = 0.375 * inner + 0.25 * faces;
         // (λ − 1/2) b − (1 − own) a / 2 = first; (λ − own) a − (b₀ + b_k) / 2 = into_vertex.
         let (half, gain) = (lambda - 0.5, (1.0 - own) / 2.0);
-        let (vertex, ends) = if p % 2 == 0 {
+        let (vertex, ends) = if p.is_multiple_of(2) {
             (0.0, [first / half, -first / half])
         } else {
             let det = half * (lambda - own) - gain;
@@ -131,10 +132,10 @@ impl Ring {
         mask
     }
 
-    /// Two vectors at an open sector of three faces or more: `inwards`, the mode that all inner edges share, and the one
-    /// that decays next, to which the normals inside of the faces tend. From five faces this is the second mode; with
-    /// four it ties with the boundary's 1/2 and feeds it. With three the boundary decides, and at sharp vertices its two
-    /// edges, `ends`, do so for faces of their own.
+    /// Two vectors at an open sector of three faces or more: `inwards`, the mode that all inner edges share, and the
+    /// one that decays next, to which the normals inside of the faces tend. From five faces this is the second mode;
+    /// with four it ties with the boundary's 1/2 and feeds it. With three the boundary decides, and at sharp vertices
+    /// its two edges, `ends`, do so for faces of their own.
     fn spanning(&self, ends: [Vec<f64>; 2], inwards: Vec<f64>, own: f64) -> (Vec<f64>, Vec<f64>) {
         let [first, last] = ends;
         match (self.faces(), self.sector.position) {

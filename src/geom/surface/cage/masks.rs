@@ -1,8 +1,8 @@
 //! Weights of one step of subdivision: Catmull, Clark, "Recursively generated B-spline surfaces on arbitrary
 //! topological meshes", Computer-Aided Design 10(6), 1978, with the creases of `rules`.
 //!
-//! Children are numbered: one a vertex, in order; one a face; one an edge. Weights refer to vertices and to the children
-//! of faces by these numbers, since the latter are means of corners and known before the others.
+//! Children are numbered: one a vertex, in order; one a face; one an edge. Weights refer to vertices and to the
+//! children of faces by these numbers, since the latter are means of corners and known before the others.
 
 use super::desc::TriangleRule;
 use super::level::Cage;

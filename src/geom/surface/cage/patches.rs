@@ -12,8 +12,8 @@ use glam::DVec3;
 use std::sync::Arc;
 
 /// The quads of a cage, each with its plan and points: about 100 bytes for a regular one, some kilobytes near irregular
-/// vertices, up to some hundred kilobytes along edges of high sharpness. A [`QuadSurface`](super::QuadSurface) at a time
-/// takes less memory.
+/// vertices, up to some hundred kilobytes along edges of high sharpness. A [`QuadSurface`](super::QuadSurface) at a
+/// time takes less memory.
 #[derive(Debug, Clone)]
 pub struct CagePatches {
     positions: Vec<DVec3>,
@@ -77,8 +77,8 @@ impl CagePatches {
 
     /// The point of a face, see [`QuadSurface::evaluate`](super::QuadSurface::evaluate). A face of four corners has
     /// `corner` 0 and u, v from its first corner, u along its first edge. A face of n corners is n quads, of which
-    /// `corner` is one: u runs along the edge from this corner to the middle, v along the edge that ends there, (1, 1) is
-    /// the middle of the face, as in Ptex. All zeros if there is no such face or corner.
+    /// `corner` is one: u runs along the edge from this corner to the middle, v along the edge that ends there, (1, 1)
+    /// is the middle of the face, as in Ptex. All zeros if there is no such face or corner.
     pub fn evaluate(&self, face: u32, corner: u32, u: f64, v: f64) -> SurfacePoint {
         let Some(quad) = self.quad(face, corner) else { return SurfacePoint::default() };
         if quad.plan.points() == quad.plan.control_points() {
@@ -88,8 +88,8 @@ impl CagePatches {
         }
     }
 
-    /// A box around a part of a quad, see [`QuadSurface::bounds`](super::QuadSurface::bounds). Empty if there is no such
-    /// face or corner.
+    /// A box around a part of a quad, see [`QuadSurface::bounds`](super::QuadSurface::bounds). Empty if there is no
+    /// such face or corner.
     pub fn bounds(&self, face: u32, corner: u32, level: u32, i: u32, j: u32) -> DBounds {
         let Some(quad) = self.quad(face, corner) else { return DBounds::EMPTY };
         if quad.plan.points() == quad.plan.control_points() {

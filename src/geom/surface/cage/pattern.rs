@@ -1,9 +1,9 @@
 //! Subdivision around one irregular vertex, where each level repeats the last one.
 //!
 //! Stam, "Exact evaluation of Catmull-Clark subdivision surfaces at arbitrary parameter values", SIGGRAPH 1998: the
-//! points of the ring one level deeper are a matrix times those of this level, and three of the quad's four children are
-//! bicubic. The matrix is applied once a level instead of by its powers: half of all points need one step, and numbers
-//! near the vertex are exact to a few units of their own size, since the limit point is taken off.
+//! points of the ring one level deeper are a matrix times those of this level, and three of the quad's four children
+//! are bicubic. The matrix is applied once a level instead of by its powers: half of all points need one step, and
+//! numbers near the vertex are exact to a few units of their own size, since the limit point is taken off.
 
 use super::level::Cage;
 use super::limit::{Masks, masks};

@@ -39,8 +39,8 @@ impl QuadSurface {
     /// The point at u, v, which are clamped to 0 to 1 (NaN to 0), with derivatives by u and v.
     ///
     /// Between two bicubic patches and at infinitely sharp edges the second derivatives are those of one side. At an
-    /// irregular vertex itself the first derivatives, which grow without bounds towards it or vanish, are replaced by two
-    /// vectors that span the tangent plane, of the same orientation; the second ones are zero there.
+    /// irregular vertex itself the first derivatives, which grow without bounds towards it or vanish, are replaced by
+    /// two vectors that span the tangent plane, of the same orientation; the second ones are zero there.
     pub fn evaluate(&self, u: f64, v: f64) -> SurfacePoint {
         evaluate(&self.plan, |i| self.points[i as usize], u, v)
     }

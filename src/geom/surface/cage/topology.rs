@@ -99,9 +99,9 @@ impl Topology {
         (self.vertex_edge_start, self.vertex_edges) = (start, lists);
     }
 
-    /// The last of some corners, in ascending order, is of the face of the one before it. A face that runs along an edge
-    /// twice has two edges there, and an edge from a vertex to itself has no other face: as in OpenSubdiv, both are
-    /// non-manifold.
+    /// The last of some corners, in ascending order, is of the face of the one before it. A face that runs along an
+    /// edge twice has two edges there, and an edge from a vertex to itself has no other face: as in OpenSubdiv, both
+    /// are non-manifold.
     fn face_repeats(&self, corners: &[u32]) -> bool {
         let [.., before, last] = corners else { return false };
         self.corner_face[*before as usize] == self.corner_face[*last as usize]
