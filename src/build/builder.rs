@@ -123,6 +123,7 @@ impl Builder {
             memory: self.shares.reader,
             textures: self.shares.textures,
             subdivide: self.options.subdivide,
+            displacement: self.options.displacement.clone(),
             access: self.options.access.clone(),
             inputs: self.inputs.clone(),
             quota: self.quota.clone(),

@@ -51,7 +51,7 @@ pub use builder::Builder;
 pub use proxies::{MOST_PROXY_RAYS, PROXY_RAYS};
 pub use report::{BuildReport, PhaseSeconds};
 
-use crate::import::{Access, Dicing, UpAxis};
+use crate::import::{Access, Dicing, HeightMap, UpAxis};
 use std::path::PathBuf;
 
 /// Spatial splits: a triangle may be referred to by several leaves. They pay for long thin triangles, and do not pay
@@ -152,6 +152,8 @@ pub struct BuildOptions {
     pub dicing: Option<Dicing>,
     /// Faces of OBJ files are the cages of subdivision surfaces. Default: they are polygons.
     pub subdivide: bool,
+    /// A map of heights by which these surfaces are moved. Default: none.
+    pub displacement: Option<HeightMap>,
 }
 
 /// The crease angle unless another is asked for, in degrees: chamfers of 45 degrees stay edges.

@@ -11,7 +11,7 @@ use crate::base::error::Error;
 use crate::base::output;
 use crate::base::progress::{Cancel, Progress};
 use crate::build::{BuildOptions, Builder, Splits, StandIns, Structure};
-use crate::import::{Access, Dicing, MeshKey, PartKey, UpAxis};
+use crate::import::{Access, Dicing, HeightMap, MeshKey, PartKey, UpAxis};
 use crate::scene::LogLevel;
 use std::collections::HashMap;
 use std::ffi::{c_char, c_void};
@@ -163,6 +163,11 @@ pub struct oc_build_desc {
     /// 1: faces of OBJ files are the cages of subdivision surfaces, with the tags of OpenSubdiv's tools. 0: they are
     /// polygons.
     pub subdivide: u32,
+    /// A picture of heights by which these surfaces are moved along their normals, through the texture coordinates: PNG
+    /// with 8 or 16 bits, or EXR. Its last row is at t = 0. NULL: none.
+    pub displacement_map: *const c_char,
+    /// Height of a value of 1 (white) of `displacement_map`, in units of the surface, finite.
+    pub displacement_scale: f64,
 }
 
 // SAFETY: `repr(C)`, numbers, pointers and a nullable function without padding, `struct_size` first.
@@ -219,6 +224,13 @@ unsafe fn options(desc: &oc_build_desc, context: &ContextObject) -> Checked<Buil
         // SAFETY: the caller's contract.
         Some(unsafe { guard::path(desc.temp_dir, "oc_build_desc.temp_dir")? })
     };
+    let displacement = if desc.displacement_map.is_null() {
+        None
+    } else {
+        // SAFETY: the caller's contract.
+        let path = unsafe { guard::path(desc.displacement_map, "oc_build_desc.displacement_map")? };
+        Some(HeightMap { path, scale: desc.displacement_scale })
+    };
     let any = match desc.trust_paths {
         0 => false,
         1 => true,
@@ -262,6 +274,7 @@ unsafe fn options(desc: &oc_build_desc, context: &ContextObject) -> Checked<Buil
         proxy_triangles: desc.proxy_triangles,
         dicing,
         subdivide,
+        displacement,
     })
 }
 

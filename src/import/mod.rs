@@ -45,7 +45,7 @@ pub use files::read_files;
 use glam::{DAffine3, DVec3, Vec3};
 use std::path::Path;
 use std::sync::Arc;
-pub use surfaces::{CageMesh, Dicing, NurbsMesh};
+pub use surfaces::{CageMesh, Dicing, HeightMap, NurbsMesh};
 
 /// Key of a mesh of a [`Sink`]: the directly placed triangles, or a mesh that instances repeat.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -200,6 +200,8 @@ pub struct ReadOptions {
     pub textures: u64,
     /// Faces of OBJ files are the cages of subdivision surfaces.
     pub subdivide: bool,
+    /// A map of heights by which these surfaces are moved along their normals, through the texture coordinates.
+    pub displacement: Option<HeightMap>,
     /// The files that mesh files may refer to.
     pub access: Access,
     /// Receives each file that was read, so that no output replaces it.

@@ -40,7 +40,7 @@ fn around(built: &Built, from: DVec3, count: usize) -> Vec<(Ray, Hit)> {
     let (scene, _model) = built::scene(&context, built);
     let mut rng = Rng::new(7);
     let rays: Vec<Ray> = (0..count).map(|_| Ray::new(from, rng.direction().as_vec3())).collect();
-    let options = QueryOptions { want: Want::ALL, ..QueryOptions::default() };
+    let options = QueryOptions { want: Want::ALL | Want::SHADING_NORMAL, ..QueryOptions::default() };
     let hits = ask(&scene.state(), &rays, options);
     rays.into_iter().zip(hits).collect()
 }
@@ -116,7 +116,7 @@ fn faces_are_parts_and_have_the_normals_of_the_surface() {
         first += size as usize;
         let to = of_face.iter().map(|&v| shape.points[v as usize]).sum::<DVec3>() / f64::from(size) - middle;
         let ray = Ray::new(middle + 5.0 * to + DVec3::new(1e-4, 2e-4, 3e-4), -to.as_vec3());
-        let hit = ask(&scene.state(), &[ray], QueryOptions { want: Want::ALL, ..Default::default() })[0];
+        let hit = ask(&scene.state(), &[ray], QueryOptions { want: Want::ALL | Want::SHADING_NORMAL, ..Default::default() })[0];
         assert_eq!((hit.kind, hit.part), (HitKind::Exact, face as u64));
         assert!(hit.shading_normal.dot(to.normalize().as_vec3()) > 0.9999, "{:?}", hit.shading_normal);
     }
@@ -159,7 +159,7 @@ fn files_with_tags_are_the_cages_of_memory() {
     let path = folder.path().join("cube_creases.obj");
     let (_, report) = build_with(built::options(), |builder| builder.add_file(&path).expect("a file"));
     assert_eq!(report.triangles_in, 12);
-    assert!(report.notes.iter().any(|note| note.contains("× t ")), "{:?}", report.notes);
+    assert!(report.notes.iter().any(|note| note.contains("× \"t\"")), "{:?}", report.notes);
 }
 
 fn text_of(shape: &Shape) -> String {

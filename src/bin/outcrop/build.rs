@@ -4,7 +4,7 @@ use crate::common::{self, Outcome};
 use crate::output::Destination;
 use outcrop::base::progress::Progress;
 use outcrop::build::{BuildOptions, BuildReport, Builder, MOST_PROXY_RAYS, Splits, StandIns, Structure};
-use outcrop::import::surfaces::{Dicing, MOST_LEVEL};
+use outcrop::import::surfaces::{Dicing, HeightMap, MOST_LEVEL};
 use outcrop::import::{Access, UpAxis};
 use serde_json::{Value, json};
 use std::path::PathBuf;
@@ -72,6 +72,12 @@ pub struct Args {
     /// Faces of OBJ files are the cages of Catmull-Clark subdivision surfaces, with creases and corners by `t` lines
     #[arg(long)]
     subdivide: bool,
+    /// A picture of heights by which subdivision surfaces are moved along their normals (PNG with 8 or 16 bits, or EXR)
+    #[arg(long, value_name = "MAP", requires = "subdivide")]
+    displace: Option<PathBuf>,
+    /// Height of white in the picture of heights, in units of the surface
+    #[arg(long, value_name = "S", default_value = "1", allow_negative_numbers = true)]
+    scale: f64,
     /// Greatest distance between smooth surfaces and their triangles, in units of the surface [default: 1/2048 of its
     /// extent]
     #[arg(long, value_name = "T", allow_negative_numbers = true, value_parser = common::positive)]
@@ -111,6 +117,7 @@ pub fn run(args: &Args) -> Outcome {
         proxy_triangles: args.proxy_triangles,
         dicing: args.level.map(Dicing::Level).or(args.tolerance.map(Dicing::Tolerance)),
         subdivide: args.subdivide,
+        displacement: args.displace.clone().map(|path| HeightMap { path, scale: args.scale }),
     };
     let progress = Arc::new(Progress::default());
     let mut builder = Builder::new(options, Arc::clone(&progress), cancel)?;

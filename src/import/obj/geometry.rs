@@ -12,7 +12,7 @@ use crate::import::ignored::Ignored;
 use crate::import::input::{Input, Parsed};
 use crate::import::normals::Normals;
 use crate::import::texture::Texture;
-use crate::import::{MeshKey, Sink, text};
+use crate::import::{MeshKey, ReadOptions, Sink, text};
 use glam::DVec3;
 use std::rc::Rc;
 
@@ -50,6 +50,8 @@ struct Reader<'a, 'f> {
     corners: Vec<Corner>,
     /// The faces, if they are the cage of a subdivision surface.
     cage: Option<Cage>,
+    /// True if the cage needs texture coordinates.
+    is_displaced: bool,
     /// The part of the present run of faces.
     part: u32,
     /// Texture of the present run of faces.
@@ -74,18 +76,24 @@ struct Corner {
     normal: Option<u32>,
 }
 
-/// Reads the whole file from its beginning; the triangles go to `parts`. `subdivide`: the faces are the cage of a
-/// subdivision surface.
-pub(crate) fn read(input: &mut Input, parts: &mut Parts<'_>, subdivide: bool, sink: &mut dyn Sink) -> Result<()> {
+/// Reads the whole file from its beginning; the triangles go to `parts`, or the faces are a cage, as `options` say.
+pub(crate) fn read(
+    input: &mut Input,
+    parts: &mut Parts<'_>,
+    options: &ReadOptions,
+    sink: &mut dyn Sink,
+) -> Result<()> {
+    let is_displaced = options.subdivide && options.displacement.is_some();
     let mut reader = Reader {
-        coordinates: parts.have_textures().then(Vec::new),
+        coordinates: (is_displaced || parts.have_textures()).then(Vec::new),
+        is_displaced,
         parts,
         positions: Vec::new(),
         colours: Vec::new(),
         scale: 1.0,
         normals: Normals::default(),
         corners: Vec::new(),
-        cage: subdivide.then(Cage::default),
+        cage: options.subdivide.then(Cage::default),
         part: 0,
         texture: None,
         batch: Batch::new(0),
@@ -111,7 +119,7 @@ pub(crate) fn read(input: &mut Input, parts: &mut Parts<'_>, subdivide: bool, si
     }
     reader.batch.flush(sink)?;
     if let Some(cage) = reader.cage.take() {
-        cage.finish(&reader.positions, input.path(), sink)?;
+        cage.finish(&reader.positions, input.path(), options, sink)?;
     }
     reader.report(input, sink);
     Ok(())
@@ -247,6 +255,10 @@ impl Reader<'_, '_> {
                 return Err("a face of a cage needs at least three corners".into());
             }
             cage.face(self.part, self.corners.iter().map(|corner| corner.vertex));
+            for corner in self.corners.iter().filter(|_| self.is_displaced) {
+                let known = self.coordinates.as_ref().and_then(|all| all.get(corner.coordinates? as usize));
+                cage.coordinates(*known.ok_or("a corner without texture coordinates, which the displacement needs")?);
+            }
             self.triangles += 1;
             return Ok(());
         }
@@ -266,7 +278,7 @@ impl Reader<'_, '_> {
     fn corner(&self, word: &[u8]) -> Parsed<Corner> {
         let vertex = corner(word, self.positions.len())?;
         // Without a texture in this run of faces the rest of the word does not matter.
-        let coordinates = self.coordinates.as_ref().filter(|_| self.texture.is_some());
+        let coordinates = self.coordinates.as_ref().filter(|_| self.is_displaced || self.texture.is_some());
         Ok(Corner {
             vertex,
             coordinates: coordinates.and_then(|c| further(word, 1, c.len())),

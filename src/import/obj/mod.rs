@@ -48,5 +48,5 @@ pub(crate) fn read(input: &mut Input, files: &Files<'_>, sink: &mut dyn Sink) ->
     let mut parts = parts::declare(input.path(), files, &survey, sink)?;
     drop(survey);
     input.seek(0, 0)?;
-    geometry::read(input, &mut parts, files.options.subdivide, sink)
+    geometry::read(input, &mut parts, files.options, sink)
 }

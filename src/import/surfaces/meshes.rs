@@ -7,6 +7,7 @@ pub use crate::geom::surface::dice::{Dicing, MOST_LEVEL};
 use crate::geom::surface::dice::{Micro, dice};
 use crate::geom::surface::nurbs::{Nurbs, NurbsDesc, NurbsQuads};
 use glam::DVec3;
+use std::path::PathBuf;
 
 /// A subdivision surface: its cage, and the parts of its faces.
 #[derive(Clone, Copy)]
@@ -19,6 +20,15 @@ pub struct CageMesh<'a> {
     pub parts: &'a [u32],
     /// Heights by which the surface is moved along its normal. Edges and corners move by the mean of their faces.
     pub displacement: Option<Displacement<'a>>,
+}
+
+/// A picture of heights ([`crate::import::heights`]).
+#[derive(Debug, Clone, PartialEq)]
+pub struct HeightMap {
+    /// The picture: PNG with 8 or 16 bits, or EXR.
+    pub path: PathBuf,
+    /// Height of a value of 1, in units of the surface.
+    pub scale: f64,
 }
 
 /// Tolerance of surfaces for which none is asked, as a fraction of the greatest extent of its control points.

@@ -10,7 +10,7 @@ pub mod trimmed_nurbs;
 #[cfg(test)]
 mod tests;
 
-pub use meshes::{CageMesh, Dicing, MOST_LEVEL, NurbsMesh, TOLERANCE};
+pub use meshes::{CageMesh, Dicing, HeightMap, MOST_LEVEL, NurbsMesh, TOLERANCE};
 pub(crate) use read::{Kind, read};
 
 use crate::geom::surface::nurbs::NurbsDesc;
