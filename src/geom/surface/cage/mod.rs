@@ -1,4 +1,14 @@
 //! Catmull-Clark cages: subdivision by the rules of OpenSubdiv 3.5, and their limit surface.
+//!
+//! [`Cage`] is topology with sharpness, which key frames share; [`Cage::refine`] and [`Cage::refine_points`] are one
+//! uniform step. [`CagePatches`] is the limit surface of all faces. A face alone, or one from a file, takes three steps:
+//! [`Finder`] or [`Neighbourhood::read`] gives its neighbourhood, [`Plans`] the plan of its subdivision, which faces
+//! alike share, and [`QuadSurface`] is the plan with points.
+//!
+//! The surface is the true limit. Quads are subdivided until they are bicubic; around an irregular vertex, where this
+//! never ends, the step that repeats is applied as often as the parameters require, and the vertex itself has masks. So
+//! there is no depth to choose. OpenSubdiv's Bfr differs by up to 10⁻³ of the extent within 2⁻¹⁰ of irregular vertices,
+//! which it approximates; elsewhere both agree to 10⁻¹⁴ (`tests/surfaces/bfr.rs`).
 
 mod around;
 mod bicubic;
@@ -20,6 +30,7 @@ mod settled;
 mod sparse;
 mod surface;
 mod topology;
+mod words;
 #[cfg(test)]
 mod tests;
 

@@ -66,11 +66,14 @@ impl Plan {
     }
 }
 
+/// Sectors with equal patterns, and the length of the ring, which varies at non-manifold vertices.
+type Kind = (Sector, usize);
+
 /// Plans by neighbourhood, made at first use. Quads with equal topology and sharpness around them share one.
 #[derive(Debug, Default)]
 pub struct Plans {
     plans: HashMap<Neighbourhood, Arc<Plan>>,
-    patterns: HashMap<Sector, Arc<Pattern>>,
+    patterns: HashMap<Kind, Arc<Pattern>>,
 }
 
 impl Plans {
@@ -118,9 +121,9 @@ struct Active {
 }
 
 struct Builder<'a> {
-    known: &'a mut HashMap<Sector, Arc<Pattern>>,
+    known: &'a mut HashMap<Kind, Arc<Pattern>>,
     /// Number of each of `plan.patterns`.
-    used: HashMap<Sector, u32>,
+    used: HashMap<Kind, u32>,
     plan: Plan,
     /// The cage of the level and the number of each of its points.
     level: Arc<Cage>,
@@ -132,7 +135,7 @@ struct Builder<'a> {
 }
 
 impl<'a> Builder<'a> {
-    fn new(neighbourhood: &Neighbourhood, known: &'a mut HashMap<Sector, Arc<Pattern>>) -> Self {
+    fn new(neighbourhood: &Neighbourhood, known: &'a mut HashMap<Kind, Arc<Pattern>>) -> Self {
         let (rows, lists, patterns) = (Rows::default(), Vec::new(), Vec::new());
         let nodes = vec![Node::Split(0)];
         let vertices = neighbourhood.vertices;
@@ -223,9 +226,9 @@ impl<'a> Builder<'a> {
             Quad::Regular => self.plan.nodes[node] = Node::Regular(self.add_patch(level, face)),
             Quad::Creased(side, sharpness) => self.plan.nodes[node] = self.crease(level, face, side, sharpness),
             Quad::Irregular(corner, sector) if left == 0 => {
-                let pattern = self.pattern(level, face, corner, sector)?;
                 let list = self.plan.lists.len() as u32;
                 let ring = level.ring(face, corner);
+                let pattern = self.pattern(level, face, corner, (sector, ring.len()))?;
                 self.plan.lists.extend(ring.iter().map(|&vertex| self.points[vertex as usize]));
                 self.plan.nodes[node] = Node::Irregular(list, pattern, corner);
             }
@@ -267,18 +270,18 @@ impl<'a> Builder<'a> {
         Node::Creased(list, patches.len() as u32, side)
     }
 
-    fn pattern(&mut self, level: &Cage, face: u32, corner: u32, sector: Sector) -> Result<u32> {
-        if let Some(&number) = self.used.get(&sector) {
+    fn pattern(&mut self, level: &Cage, face: u32, corner: u32, kind: Kind) -> Result<u32> {
+        if let Some(&number) = self.used.get(&kind) {
             return Ok(number);
         }
-        let pattern = match self.known.get(&sector) {
+        let pattern = match self.known.get(&kind) {
             Some(pattern) => pattern.clone(),
-            None => Arc::new(Pattern::new(level, face, corner, sector)?),
+            None => Arc::new(Pattern::new(level, face, corner, kind.0)?),
         };
-        self.known.insert(sector, pattern.clone());
+        self.known.insert(kind, pattern.clone());
         self.plan.patterns.push(pattern);
         let number = self.plan.patterns.len() as u32 - 1;
-        self.used.insert(sector, number);
+        self.used.insert(kind, number);
         Ok(number)
     }
 

@@ -106,7 +106,7 @@ fn faces_may_repeat_vertices() {
 fn random_descriptions_do_not_panic() {
     let rng = &mut Rng(8);
     let mut made = 0;
-    for _ in 0..20_000 {
+    for _ in 0..3_000 {
         let few = |rng: &mut Rng| rng.below(7);
         let sizes: Vec<u32> = (0..few(rng)).map(|_| 3 + rng.below(3) - rng.below(40) / 39).collect();
         let corners = sizes.iter().sum::<u32>() as usize + usize::from(rng.below(30) == 0);
@@ -120,5 +120,5 @@ fn random_descriptions_do_not_panic() {
         let patches = CagePatches::new(&cage, &points).unwrap();
         (0..cage.face_count() as u32).for_each(|face| assert!(patches.evaluate(face, 0, 0.3, 0.2).du.is_finite()));
     }
-    assert!(made > 500, "only {made} of the random cages were accepted");
+    assert!(made > 100, "only {made} of the random cages were accepted");
 }

@@ -5,3 +5,4 @@ mod closed_forms;
 mod enclosure;
 mod limits;
 mod shapes;
+mod words;
