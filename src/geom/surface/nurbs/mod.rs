@@ -19,7 +19,7 @@ mod pieces;
 mod surface;
 mod tensor;
 #[cfg(test)]
-pub(super) mod tests;
+pub(crate) mod tests;
 
 pub use bezier::BezierPatch;
 pub use cone::NormalCone;
