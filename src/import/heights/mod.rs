@@ -1,5 +1,6 @@
-//! Maps of heights from pictures: PNG of 8 and 16 bits.
+//! Maps of heights from pictures: PNG of 8 and 16 bits, and OpenEXR.
 
+mod exr;
 mod png;
 #[cfg(test)]
 mod tests;
@@ -34,8 +35,8 @@ impl Default for HeightOptions {
     }
 }
 
-/// Decodes a map from the bytes of a picture. Its first channel counts: grey or red. Values of PNG are in `[0, 1]`,
-/// without regard to gamma.
+/// Decodes a map from the bytes of a picture. Of a PNG the first channel counts, grey or red, and values are in
+/// `[0, 1]`, without regard to gamma. Of an OpenEXR picture the channel Y counts, or R, or else the first but A.
 ///
 /// Fails with [`Error::Parse`] for `file` if the picture cannot be decoded, is larger than 2²⁸ pixels, or has a value
 /// that is not finite, which the error names by its column and row from the top; with [`Error::BadArgument`] if `scale`
@@ -46,7 +47,8 @@ pub fn decode(bytes: &[u8], file: &Path, options: &HeightOptions, cancel: &Cance
     }
     let map = match bytes {
         [0x89, b'P', b'N', b'G', ..] => png::decode(bytes, cancel),
-        _ => Err("a map of heights is no PNG".into()),
+        [0x76, 0x2f, 0x31, 0x01, ..] => exr::decode(bytes, cancel),
+        _ => Err("a map of heights is neither PNG nor OpenEXR".into()),
     };
     map.and_then(|map| map.heights(options)).map_err(|fault| fault.at(file, Place::File))
 }

@@ -1,14 +1,10 @@
 //! Both formats and their faults.
 
-#[path = "../../../tests/common/rng.rs"]
-#[allow(dead_code)]
-mod rng;
-
 use super::{SurfaceData, bpt, trimmed_nurbs};
 use crate::base::progress::Cancel;
 use crate::geom::surface::nurbs::Nurbs;
+use crate::geom::surface::nurbs::tests::rng::Rng;
 use glam::DVec3;
-use rng::Rng;
 use std::path::Path;
 
 fn patches(text: &str) -> Result<Vec<SurfaceData>, String> {

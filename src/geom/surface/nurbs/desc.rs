@@ -55,8 +55,8 @@ impl NurbsDesc<'_> {
         if n * m != self.points.len() as u64 {
             return Err(fault("points", format!("{} points, but the counts are {n} × {m}", self.points.len())));
         }
-        let is_wrong = |p: &DVec3| !(p.abs().max_element() <= MAX_COORDINATE) || p.is_nan();
-        match self.points.iter().position(is_wrong) {
+        let is_right = |p: &DVec3| p.abs().max_element() <= MAX_COORDINATE && !p.is_nan();
+        match self.points.iter().position(|p| !is_right(p)) {
             Some(i) => {
                 Err(fault("points", format!("point {i} is not finite, or a coordinate exceeds {MAX_COORDINATE:e}")))
             }

@@ -93,7 +93,8 @@ impl Knots {
 }
 
 fn check_order(argument: &str, degree: usize, knots: &[f64]) -> Result<()> {
-    if let Some(i) = knots.iter().position(|t| !(t.abs() <= MAX_COORDINATE)) {
+    let is_right = |t: &f64| t.abs() <= MAX_COORDINATE;
+    if let Some(i) = knots.iter().position(|t| !is_right(t)) {
         return Err(fault(argument, format!("knot {i} is not finite, or exceeds {MAX_COORDINATE:e}")));
     }
     for (i, pair) in knots.windows(2).enumerate() {

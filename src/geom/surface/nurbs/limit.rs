@@ -217,13 +217,14 @@ fn differences(vectors: &mut [DVec3], [m, n]: [usize; 2]) {
     for order in 1..=m {
         for i in (order..=m).rev() {
             for j in 0..columns {
-                vectors[i * columns + j] = vectors[i * columns + j] - vectors[(i - 1) * columns + j];
+                let before = vectors[(i - 1) * columns + j];
+                vectors[i * columns + j] -= before;
             }
         }
     }
     for row in vectors.chunks_exact_mut(columns) {
         for order in 1..=n {
-            (order..=n).rev().for_each(|j| row[j] = row[j] - row[j - 1]);
+            (order..=n).rev().for_each(|j| row[j] -= row[j - 1]);
         }
     }
 }

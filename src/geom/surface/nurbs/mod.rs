@@ -20,7 +20,7 @@ mod quads;
 mod surface;
 mod tensor;
 #[cfg(test)]
-pub(super) mod tests;
+pub(crate) mod tests;
 
 pub use bezier::BezierPatch;
 pub use cone::NormalCone;
