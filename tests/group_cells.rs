@@ -52,7 +52,15 @@ fn turned(rng: &mut Rng) -> DQuat {
 }
 
 fn array(prototypes: Prototypes, prototype_of: Vec<u32>, transforms: Transforms, first_id: u64) -> Instances {
-    Instances { prototypes, prototype_of: Arc::from(prototype_of), transforms, first_id, mask: u32::MAX }
+    Instances {
+        prototypes,
+        prototype_of: Arc::from(prototype_of),
+        transforms,
+        first_id,
+        mask: u32::MAX,
+        masks: None,
+        tints: None,
+    }
 }
 
 impl Forest {

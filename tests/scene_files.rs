@@ -93,7 +93,17 @@ fn flat(context: &Context, models: &[Model; 2], count: usize, seed: u64) -> Scen
         let prototype_of = if form == 0 { Arc::from([]) } else { (0..count as u32).map(|i| i % 3 % 2).collect() };
         let mask = if form == 1 { 3 } else { u32::MAX };
         let prototypes = models.to_vec().into();
-        scene.add_instances(&Instances { prototypes, prototype_of, transforms, first_id, mask }).expect("an array");
+        scene
+            .add_instances(&Instances {
+                prototypes,
+                prototype_of,
+                transforms,
+                first_id,
+                mask,
+                masks: None,
+                tints: None,
+            })
+            .expect("an array");
         scene.set_instance_look(first_id + 3, RED).expect("a look");
         scene.set_instance_look(first_id + 1, HIDDEN).expect("a look");
         scene.set_instance_mask(first_id, 6).expect("a mask");
@@ -128,7 +138,7 @@ fn nested(context: &Context, models: &[Model; 2], count: usize) -> Scene {
             let prototype_of: Arc<[u32]> = Arc::from([0, 1, 0, 1, 1]);
             let transforms = transforms(form, 5, (&mut rng, reach));
             let (first_id, mask) = (1000 * (form as u64 + 1), if form == 2 { 7 } else { u32::MAX });
-            let array = Instances { prototypes, prototype_of, transforms, first_id, mask };
+            let array = Instances { prototypes, prototype_of, transforms, first_id, mask, masks: None, tints: None };
             scene.add_instances(&array).expect("an array of scenes");
             scene.set_instance_look(first_id + 1, if form == 1 { HIDDEN } else { RED }).expect("a look");
             scene.set_instance_mask(first_id + 4, 4).expect("a mask");
@@ -396,7 +406,7 @@ fn small(context: &Context, model: &Model) -> Scene {
 
 fn add(scene: &Scene, of: (Prototypes, Arc<[u32]>), transforms: Transforms, first_id: u64) {
     let (prototypes, prototype_of) = of;
-    let array = Instances { prototypes, prototype_of, transforms, first_id, mask: u32::MAX };
+    let array = Instances { prototypes, prototype_of, transforms, first_id, mask: u32::MAX, masks: None, tints: None };
     scene.add_instances(&array).expect("an array");
 }
 

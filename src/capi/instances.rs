@@ -178,7 +178,8 @@ pub unsafe extern "C" fn oc_scene_add_instances(scene: *mut oc_scene, instances:
         let mask = if given.mask == 0 { u32::MAX } else { given.mask };
         let oc_instances { form, transforms, count, stride, .. } = given;
         let transforms = copied(&Given { form, transforms, count, stride })?;
-        let instances = Instances { prototypes, prototype_of, transforms, first_id: given.first_id, mask };
+        let (first_id, masks, tints) = (given.first_id, None, None);
+        let instances = Instances { prototypes, prototype_of, transforms, first_id, mask, masks, tints };
         handles::with(scene, |scene: &Shell<SceneObject>| Ok(scene.scene.add_instances(&instances)?))
     })
 }

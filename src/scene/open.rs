@@ -504,7 +504,9 @@ impl Opening<'_> {
     ) -> Result<DraftArray<P>> {
         let ReadArray { at, row, prototype_of, transforms, states, memory, .. } = it;
         let (first_id, mask) = (row.first_id, row.mask);
-        let given = Instances { prototypes: of(prototypes.clone()), prototype_of, transforms, first_id, mask };
+        let prototypes_of = of(prototypes.clone());
+        let given =
+            Instances { prototypes: prototypes_of, prototype_of, transforms, first_id, mask, masks: None, tints: None };
         // The array charges its own.
         drop(memory);
         let array = Array::new(&given, self.context.residency());
