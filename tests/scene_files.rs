@@ -357,9 +357,12 @@ fn memory_counts_as_for_built_scenes() {
     assert!(matches!(error, Error::OverBudget { .. }), "{error}");
 }
 
-/// The golden file: bytes of the folder's `model.oc` with its own size and hash.
-fn golden(folder: &Folder) -> Vec<u8> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/scene_files/golden.bin");
+/// The golden files, of both formats; true: members of arrays have masks and tints.
+const GOLDEN: [(&str, bool); 2] = [("golden_0_1.bin", false), ("golden.bin", true)];
+
+/// A golden file: bytes with the size and hash of the folder's own `model.oc`.
+fn golden(folder: &Folder, name: &str) -> Vec<u8> {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/scene_files").join(name);
     let mut bytes = std::fs::read(path).expect("the golden file");
     let model = std::fs::read(&folder.models[1]).expect("a model");
     // The row of the only model follows the header and two lights.
@@ -379,15 +382,20 @@ fn sealed(mut bytes: Vec<u8>) -> Vec<u8> {
     bytes
 }
 
-/// A scene of all kinds of rows: the content of the golden file.
-fn small(context: &Context, model: &Model) -> Scene {
+/// A scene of all kinds of rows: the content of the golden files. `has_lists`: members of arrays have masks and tints.
+fn small(context: &Context, model: &Model, has_lists: bool) -> Scene {
     let mut rng = Rng::new(6);
     let scene = Scene::new(context);
     scene.add_instance(model, 7, map(&mut rng, 2.0)).expect("an instance");
     scene.add_instance(model, 5, map(&mut rng, 2.0)).expect("an instance");
     scene.set_instance_look(5, RED).expect("a look");
     let models = || Prototypes::Models(vec![model.clone()]);
-    add(&scene, (models(), Arc::from([])), transforms(2, 3, (&mut rng, 3.0)), 20);
+    let of_three = transforms(2, 3, (&mut rng, 3.0));
+    add(&scene, (models(), Arc::from([])), of_three, 20);
+    if has_lists {
+        scene.set_masks(20, &[1, 6, u32::MAX]).expect("masks");
+        scene.set_tints(21, &[[255, 128, 0, 255]]).expect("a tint");
+    }
     scene.set_instance_mask(21, 2).expect("a mask");
     scene.commit().expect("a commit");
     let outer = Scene::new(context);
@@ -396,6 +404,10 @@ fn small(context: &Context, model: &Model) -> Scene {
     add(&outer, (models(), Arc::from([0, 0])), transforms(1, 2, (&mut rng, 9.0)), 30);
     let scenes = Prototypes::Scenes(vec![scene.clone()]);
     add(&outer, (scenes, Arc::from([])), transforms(0, 2, (&mut rng, 9.0)), 40);
+    if has_lists {
+        outer.set_masks(41, &[5]).expect("a mask");
+        outer.set_tints(40, &[[10, 20, 30, 40]]).expect("a tint");
+    }
     outer.set_instance_look(41, HIDDEN).expect("a look");
     let sun = LightKind::Directional(DVec3::new(0.5, 0.25, -1.0));
     let sun = Light { kind: sun, colour: [1.0, 0.5, 0.25], intensity: 2.0, shadows: true };
@@ -418,14 +430,24 @@ fn a_golden_file_stays_as_it_is() {
     let (folder, context) = (Folder::new(), built::context(1));
     let path = folder.at("scene.oc");
     if std::env::var_os("OUTCROP_WRITE_GOLDEN").is_some() {
-        small(&context, &folder.open(&context)[1]).save(&path).expect("a file");
-        let to = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/scene_files/golden.bin");
-        std::fs::copy(&path, to).expect("a copy");
+        for (name, has_lists) in GOLDEN {
+            small(&context, &folder.open(&context)[1], has_lists).save(&path).expect("a file");
+            let to = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/scene_files").join(name);
+            std::fs::copy(&path, to).expect("a copy");
+        }
         return;
     }
-    let bytes = golden(&folder);
+    for (name, has_lists) in GOLDEN {
+        stays_as_it_is(&folder, &context, name, has_lists);
+    }
+}
+
+fn stays_as_it_is(folder: &Folder, context: &Context, name: &str, has_lists: bool) {
+    let path = folder.at("scene.oc");
+    let bytes = golden(folder, name);
+    assert_eq!(bytes[10..12], [1 + u8::from(has_lists), 0], "the minor version");
     std::fs::write(&path, &bytes).expect("a file");
-    let opened = Scene::open(&context, &path).expect("a scene");
+    let opened = Scene::open(context, &path).expect("a scene");
     let state = opened.state();
     assert_eq!(state.instance_count(), 2 + 3 * 5);
     let ways: Vec<Vec<u64>> = (0..17).map(|number| state.path(number).expect("a way").0).collect();
@@ -433,6 +455,6 @@ fn a_golden_file_stays_as_it_is() {
     assert_eq!(ways[16], [41, 22]);
     opened.save(folder.at("again.oc")).expect("a file");
     assert!(std::fs::read(folder.at("again.oc")).expect("a file") == bytes);
-    let built = small(&context, &folder.open(&context)[1]);
+    let built = small(context, &folder.open(context)[1], has_lists);
     assert_alike(&built, &opened, 10.0, 10);
 }
