@@ -1,6 +1,6 @@
 //! Masks and tints of the members of arrays, against the same instances added one by one with these masks and with
-//! looks in the tinted colours: hits and pictures are equal to the bit, also after ranges were set anew, and for members
-//! that are scenes.
+//! looks in the tinted colours: hits and pictures are equal to the bit, also after ranges were set anew. For members
+//! that are scenes they are equal up to rounding.
 
 use crate::common::built::{self, Part};
 use crate::common::rng::Rng;
@@ -374,7 +374,7 @@ fn wrong_masks_and_tints_are_refused() {
     assert_equal(&answers(&context, &scene.state(), 3.0), &before, "after refusals");
 }
 
-/// Masks and tints take 4 bytes each, only where there are any, and only in what was changed since a state that is held.
+/// Masks and tints take 4 bytes each, only where there are any. A range that is set anew takes memory for itself.
 #[test]
 fn masks_and_tints_count_against_the_budget() {
     let context = built::context(0);

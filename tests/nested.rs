@@ -83,17 +83,9 @@ fn nested(context: &Context, model: &Model, levels: usize, rng: &mut Rng) -> (Sc
     let maps: Vec<DAffine3> = (0..3).map(|_| place(rng, reach)).collect();
     let (prototypes, prototype_of) = (vec![model.clone()].into(), Arc::from([]));
     let transforms = Transforms::Affine(maps.clone().into());
-    scene
-        .add_instances(&Instances {
-            prototypes,
-            prototype_of,
-            transforms,
-            first_id: 10,
-            mask: 3,
-            masks: None,
-            tints: None,
-        })
-        .expect("an array");
+    let (first_id, mask) = (10, 3);
+    let all = Instances { prototypes, prototype_of, transforms, first_id, mask, masks: None, tints: None };
+    scene.add_instances(&all).expect("an array");
     let hidden = Look { visible: false, ..Look::default() };
     scene.set_instance_look(11, hidden).expect("a look");
     for (i, map) in maps.into_iter().enumerate() {
@@ -408,15 +400,8 @@ fn scenes_of_an_array_move() {
         scene.add_scene(&inner, 5001, other).expect("a scene");
         let prototypes = vec![model.clone()].into();
         let (prototype_of, transforms) = (Arc::from([]), Transforms::Affine([other; 3].into()));
-        let all = Instances {
-            prototypes,
-            prototype_of,
-            transforms,
-            first_id: 6000,
-            mask: u32::MAX,
-            masks: None,
-            tints: None,
-        };
+        let (first_id, mask) = (6000, u32::MAX);
+        let all = Instances { prototypes, prototype_of, transforms, first_id, mask, masks: None, tints: None };
         scene.add_instances(&all).expect("an array");
         let prototypes = Prototypes::Scenes(vec![inner.clone(), Scene::new(&context), small.clone()]);
         let prototype_of = (0..maps.len() as u32).map(|i| i % 3).collect();

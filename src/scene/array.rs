@@ -152,9 +152,9 @@ pub struct Instances {
     /// The mask of each instance, in addition to that of all: rays see it that have a bit in common with what both have
     /// in common. `None`: that of all.
     pub masks: Option<Arc<[u32]>>,
-    /// The tint of each instance: linear factors to red, green, blue and opacity of all that it shows; 255 stands for 1.
-    /// Colours of looks, which replace those, have no tint. In scenes in scenes the tints of all levels are multiplied.
-    /// `None`: no instance has one.
+    /// The tint of each instance: linear factors to red, green, blue and opacity of all that it shows, where 255 stands
+    /// for 1. Colours of looks, which replace those, have no tint. In scenes in scenes the tints of all levels are
+    /// multiplied. `None`: no instance has one.
     pub tints: Option<Arc<[[u8; 4]]>>,
 }
 

@@ -135,6 +135,9 @@ fn errors_name_the_place() {
     let u32s = |value: u32| value.to_le_bytes().to_vec();
     let array = format!("array at byte {PLACES}");
     let of_lists = format!("byte {PLACES}");
+    let of_masks: &[&str] = &[&of_lists, "no member has a mask of its own"];
+    let of_tints: &[&str] = &[&of_lists, "no member has a tint"];
+    let of_plain: &[&str] = &[&of_lists, "masks or tints in a file of format 0.1"];
     let of_array: &[&str] = &["scene 0", &array, "instance 0"];
     let cases: Vec<(usize, Vec<u8>, &[&str])> = vec![
         (24, u32s(1 << 30), &["1073741824 models"]),
@@ -143,7 +146,7 @@ fn errors_name_the_place() {
         (32, u32s(1 << 16), &["65536 lights"]),
         (32, u32s(1 << 17), &["more than 65536 lights"]),
         (10, vec![3], &["format 0.3", "0.2"]),
-        (10, vec![1], &[&of_lists, "masks or tints in a file of format 0.1"]),
+        (10, vec![1], of_plain),
         (96 + 8, f32::NAN.to_le_bytes().to_vec(), &["byte 96", "light"]),
         (MODEL + 24, b"/etc".to_vec(), &["byte 192", "not relative"]),
         (MODEL + 24, vec![0xff], &["byte 192", "UTF-8"]),
@@ -163,8 +166,8 @@ fn errors_name_the_place() {
         (TRANSFORMS + 24, vec![0; 16], of_array),
         (TRANSFORMS + 132, vec![1], &["padding is not zero"]),
         (PLACES + 20, u32s(8), &["unknown flags"]),
-        (LISTS, vec![0xff; 12], &[&of_lists, "no member has a mask of its own"]),
-        (LISTS + 12, vec![0xff; 12], &[&of_lists, "no member has a tint"]),
+        (LISTS, vec![0xff; 12], of_masks),
+        (LISTS + 12, vec![0xff; 12], of_tints),
         (SCENES + 8, u32s(1), &["scene 1", "scene 1, which is not before it"]),
         (SCENES + 8, u32s(9), &["scene 1", "scene 9, which is not before it"]),
     ];

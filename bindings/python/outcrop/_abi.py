@@ -229,7 +229,8 @@ class oc_instances(Sized):
         ("struct_size", c.c_uint32), ("form", c.c_uint32), ("prototypes", c.c_void_p),
         ("prototype_count", c.c_uint64), ("prototype_of", c.c_void_p), ("transforms", c.c_void_p),
         ("stride", c.c_uint64), ("count", c.c_uint64), ("first_id", c.c_uint64), ("mask", c.c_uint32),
-        ("reserved", c.c_uint32), ("scenes", c.c_void_p), ("scene_count", c.c_uint64),
+        ("reserved", c.c_uint32), ("scenes", c.c_void_p), ("scene_count", c.c_uint64), ("masks", c.c_void_p),
+        ("mask_stride", c.c_uint64), ("tints", c.c_void_p), ("tint_stride", c.c_uint64),
     ]
 
 
@@ -568,6 +569,8 @@ class Functions:
     oc_scene_release: Callable[..., None]
     oc_scene_add_instances: Callable[..., int]
     oc_scene_set_transforms: Callable[..., int]
+    oc_scene_set_masks: Callable[..., int]
+    oc_scene_set_tints: Callable[..., int]
     oc_scene_remove_instances: Callable[..., int]
     oc_scene_add_scene: Callable[..., int]
     oc_scene_set_occurrence_look: Callable[..., int]
@@ -692,6 +695,8 @@ SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "oc_scene_set_transforms": (c.c_uint32, [
         c.c_void_p, c.c_uint64, c.c_uint32, c.c_void_p, c.c_uint64, c.c_uint64,
     ]),
+    "oc_scene_set_masks": (c.c_uint32, [c.c_void_p, c.c_uint64, c.c_void_p, c.c_uint64, c.c_uint64]),
+    "oc_scene_set_tints": (c.c_uint32, [c.c_void_p, c.c_uint64, c.c_void_p, c.c_uint64, c.c_uint64]),
     "oc_scene_remove_instances": (c.c_uint32, [c.c_void_p, c.c_uint64]),
     "oc_scene_add_scene": (c.c_uint32, [c.c_void_p, c.c_void_p, c.c_uint64, c.c_void_p]),
     "oc_scene_set_occurrence_look": (c.c_uint32, [c.c_void_p, c.c_uint64, c.c_void_p]),
@@ -778,18 +783,18 @@ FALLIBLE = frozenset([
     "oc_model_get_view", "oc_model_get_placement", "oc_scene_create", "oc_scene_add_instance",
     "oc_scene_remove_instance", "oc_scene_set_transform", "oc_scene_set_instance_mask", "oc_scene_set_lights",
     "oc_scene_set_background", "oc_scene_commit", "oc_scene_add_instances", "oc_scene_set_transforms",
-    "oc_scene_remove_instances", "oc_scene_add_scene", "oc_scene_set_occurrence_look", "oc_scene_get_path",
-    "oc_scene_save", "oc_scene_open", "oc_scene_set_instance_look", "oc_scene_set_part_look",
-    "oc_scene_set_parts_look", "oc_scene_isolate", "oc_scene_set_model", "oc_scene_clear_part_looks",
-    "oc_scene_closest", "oc_scene_any", "oc_scene_closest_start", "oc_scene_any_start", "oc_scene_closest_f32",
-    "oc_scene_any_f32", "oc_model_read_part", "oc_part_reader_next", "oc_scene_triangles", "oc_scene_crossings",
-    "oc_cursor_create", "oc_cursor_root", "oc_cursor_places", "oc_cursor_node", "oc_cursor_triangles",
-    "oc_cursor_block_nodes", "oc_scene_parts_at", "oc_scene_thickness", "oc_scene_overlap_box",
-    "oc_scene_overlap_frustum", "oc_part_set_create", "oc_part_set_add_instance", "oc_part_set_add_part",
-    "oc_scene_clash_start", "oc_job_take_clashes", "oc_job_clash_summary", "oc_scene_nearest", "oc_scene_distance",
-    "oc_scene_fit", "oc_frame_create", "oc_frame_request", "oc_frame_poll", "oc_frame_wait", "oc_frame_cancel",
-    "oc_frame_resize", "oc_frame_set_wake", "oc_frame_get_accuracy", "oc_frame_pick", "oc_frame_pick_near",
-    "oc_frame_map", "oc_scene_prefetch_box", "oc_scene_prefetch_camera",
+    "oc_scene_set_masks", "oc_scene_set_tints", "oc_scene_remove_instances", "oc_scene_add_scene",
+    "oc_scene_set_occurrence_look", "oc_scene_get_path", "oc_scene_save", "oc_scene_open",
+    "oc_scene_set_instance_look", "oc_scene_set_part_look", "oc_scene_set_parts_look", "oc_scene_isolate",
+    "oc_scene_set_model", "oc_scene_clear_part_looks", "oc_scene_closest", "oc_scene_any", "oc_scene_closest_start",
+    "oc_scene_any_start", "oc_scene_closest_f32", "oc_scene_any_f32", "oc_model_read_part", "oc_part_reader_next",
+    "oc_scene_triangles", "oc_scene_crossings", "oc_cursor_create", "oc_cursor_root", "oc_cursor_places",
+    "oc_cursor_node", "oc_cursor_triangles", "oc_cursor_block_nodes", "oc_scene_parts_at", "oc_scene_thickness",
+    "oc_scene_overlap_box", "oc_scene_overlap_frustum", "oc_part_set_create", "oc_part_set_add_instance",
+    "oc_part_set_add_part", "oc_scene_clash_start", "oc_job_take_clashes", "oc_job_clash_summary", "oc_scene_nearest",
+    "oc_scene_distance", "oc_scene_fit", "oc_frame_create", "oc_frame_request", "oc_frame_poll", "oc_frame_wait",
+    "oc_frame_cancel", "oc_frame_resize", "oc_frame_set_wake", "oc_frame_get_accuracy", "oc_frame_pick",
+    "oc_frame_pick_near", "oc_frame_map", "oc_scene_prefetch_box", "oc_scene_prefetch_camera",
 ])
 """Functions that return a status."""
 
