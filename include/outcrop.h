@@ -964,6 +964,21 @@ typedef struct oc_instances {
     const struct oc_scene *const *scenes;
     /** Number of scenes, at least 1; 0 if there are models. */
     uint64_t scene_count;
+    /**
+     * The mask of each instance: a ray can hit it only if its mask has a bit in common with both this one and `mask`.
+     * 0: no ray. NULL: all bits.
+     */
+    const uint32_t *masks;
+    /** Bytes from one mask to the next. 0: tightly packed. */
+    uint64_t mask_stride;
+    /**
+     * The tint of each instance, 4 bytes: factors to linear red, green and blue and to the opacity of all that it
+     * shows, where 255 stands for 1. With an opacity below 255 it is see-through. Colours of looks replace those that
+     * a tint changes, and have no tint. Those of scenes in scenes are multiplied. NULL: no instance has a tint.
+     */
+    const uint8_t *tints;
+    /** Bytes from one tint to the next. 0: tightly packed. */
+    uint64_t tint_stride;
 } oc_instances;
 
 /** Flags of oc_look: how an instance or a part is shown. */
@@ -3044,7 +3059,7 @@ void oc_scene_release(struct oc_scene *scene);
  * Adds many instances of a few models or scenes at once. Takes effect at oc_scene_commit.
  *
  * The arrays are copied: 96 bytes for an affine transform in doubles, 48 for the other forms, 4 for an index of a
- * prototype. A commit adds some 60 to 77 bytes for each mesh that is placed, or for each member that is a scene, for
+ * prototype, and 4 for a mask or a tint, unless 512 in a row have all bits or no tint. A commit adds some 60 to 77 bytes for each mesh that is placed, or for each member that is a scene, for
  * the tree over all of them, 16 more if a transform stretches or scenes differ in the number of meshes in them, and
  * 250 while it runs. The members of the array are instances like those of oc_scene_add_instance, but none can be
  * removed alone or given another model, and one with an oc_place takes another place (oc_scene_set_transforms), but no
@@ -3085,6 +3100,47 @@ oc_status oc_scene_set_transforms(struct oc_scene *scene,
                                   const void *transforms,
                                   uint64_t count,
                                   uint64_t stride);
+
+/**
+ * Replaces the masks of instances of an array. Takes effect at oc_scene_commit.
+ *
+ * - `first_id`: id of the first; each further one has the next higher id. All are of one array.
+ * - `masks`: the new masks, as in oc_instances. They replace those of oc_scene_set_instance_mask too, and that call
+ *   replaces the mask of the array with that of the instance.
+ * - `count`: number of masks.
+ * - `stride`: bytes from one mask to the next. 0: tightly packed.
+ *
+ * Errors: OC_STATUS_INVALID_ARGUMENT if an argument is not as documented; OC_STATUS_OVER_BUDGET if the budget has no
+ * room for copies of the parts of the array that change. No mask has then changed.
+ *
+ * Thread safety: any thread. Takes time in proportion to `count`; the commit as after oc_scene_set_transforms, where
+ * instances with new masks count as moved.
+ */
+OC_API
+oc_status oc_scene_set_masks(struct oc_scene *scene,
+                             uint64_t first_id,
+                             const uint32_t *masks,
+                             uint64_t count,
+                             uint64_t stride);
+
+/**
+ * Replaces the tints of instances of an array. Takes effect at oc_scene_commit.
+ *
+ * - `first_id`: id of the first; each further one has the next higher id. All are of one array.
+ * - `tints`: the new tints, 4 bytes each, as in oc_instances.
+ * - `count`: number of tints.
+ * - `stride`: bytes from one tint to the next. 0: tightly packed.
+ *
+ * Errors: as oc_scene_set_masks.
+ *
+ * Thread safety: any thread. Takes time as oc_scene_set_masks does.
+ */
+OC_API
+oc_status oc_scene_set_tints(struct oc_scene *scene,
+                             uint64_t first_id,
+                             const uint8_t *tints,
+                             uint64_t count,
+                             uint64_t stride);
 
 /**
  * Removes all instances that one call of oc_scene_add_instances added. Takes effect at oc_scene_commit.

@@ -419,6 +419,14 @@ class scene : public scene_handle {
     void set_transforms(std::uint64_t first_id, const std::vector<Transform> &transforms) {
         check(oc_scene_set_transforms(get(), first_id, form_of(transforms.data()), transforms.data(), transforms.size(), 0));
     }
+    /// Replaces masks of instances of an array with consecutive ids.
+    void set_masks(std::uint64_t first_id, const std::vector<std::uint32_t> &masks) {
+        check(oc_scene_set_masks(get(), first_id, masks.data(), masks.size(), 0));
+    }
+    /// Replaces tints of instances of an array with consecutive ids.
+    void set_tints(std::uint64_t first_id, const std::vector<std::array<std::uint8_t, 4>> &tints) {
+        check(oc_scene_set_tints(get(), first_id, tints.empty() ? nullptr : tints.front().data(), tints.size(), 0));
+    }
     /// Adds a scene many times; `Transform` as for models.
     template <class Transform>
     void add_instances(const scene &inner, const std::vector<Transform> &transforms, std::uint64_t first_id) {

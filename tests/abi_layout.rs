@@ -96,7 +96,7 @@ fn layouts() -> Vec<Layout> {
         oc_place { position, rotation, scale, reserved }
         oc_instances {
             struct_size, form, prototypes, prototype_count, prototype_of, transforms, stride, count, first_id, mask,
-            reserved, scenes, scene_count,
+            reserved, scenes, scene_count, masks, mask_stride, tints, tint_stride,
         }
         oc_look { struct_size, flags, colour }
         oc_light { vector, colour, intensity, kind, shadows }

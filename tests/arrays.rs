@@ -91,7 +91,15 @@ fn both(context: &Context, files: [&Built; 2], form: usize, count: usize) -> [Sc
     }
     let prototypes = models.to_vec().into();
     scenes[1]
-        .add_instances(&Instances { prototypes, prototype_of, transforms, first_id: FIRST, mask: u32::MAX })
+        .add_instances(&Instances {
+            prototypes,
+            prototype_of,
+            transforms,
+            first_id: FIRST,
+            mask: u32::MAX,
+            masks: None,
+            tints: None,
+        })
         .expect("instances");
     for scene in &scenes {
         let mut rng = Rng::new(9);
@@ -284,6 +292,8 @@ fn wrong_arrays_are_refused() {
         transforms: Transforms::Affine(vec![DAffine3::IDENTITY; 4].into()),
         first_id: 6,
         mask: u32::MAX,
+        masks: None,
+        tints: None,
     };
     let with = |edit: &dyn Fn(&mut [DAffine3])| {
         let mut maps = vec![DAffine3::IDENTITY; 4];
@@ -369,6 +379,8 @@ fn arrays_count_against_the_budget() {
             transforms,
             first_id,
             mask: u32::MAX,
+            masks: None,
+            tints: None,
         }
     };
     let before = context.memory_used();

@@ -60,7 +60,17 @@ fn too_many_occurrences_are_refused() {
     let mut inner = Scene::new(&context);
     let transforms = Transforms::Affine(vec![DAffine3::IDENTITY; 1 << 16].into());
     let (prototypes, prototype_of) = (vec![model].into(), Arc::from([]));
-    inner.add_instances(&Instances { prototypes, prototype_of, transforms, first_id: 0, mask: 1 }).expect("an array");
+    inner
+        .add_instances(&Instances {
+            prototypes,
+            prototype_of,
+            transforms,
+            first_id: 0,
+            mask: 1,
+            masks: None,
+            tints: None,
+        })
+        .expect("an array");
     inner.commit().expect("a commit");
     let before = context.memory_used();
     for level in 1..=5 {
@@ -115,7 +125,15 @@ fn dust(context: &Context, model: &Model, levels: u64) -> Scene {
             _ => {
                 let prototypes = inner.map_or(vec![model.clone()].into(), |it| Prototypes::Scenes(vec![it]));
                 let (prototype_of, transforms) = (Arc::from([]), Transforms::Places(places.into()));
-                let all = Instances { prototypes, prototype_of, transforms, first_id, mask: u32::MAX };
+                let all = Instances {
+                    prototypes,
+                    prototype_of,
+                    transforms,
+                    first_id,
+                    mask: u32::MAX,
+                    masks: None,
+                    tints: None,
+                };
                 scene.add_instances(&all).expect("an array");
             }
         }
@@ -224,7 +242,7 @@ fn hidden_scenes_are_passed_by() {
     scene.add_scene(&dust, 1, DAffine3::IDENTITY).expect("a scene");
     let prototypes = Prototypes::Scenes(vec![dust.clone()]);
     let (prototype_of, transforms) = (Arc::from([]), Transforms::Affine([DAffine3::IDENTITY; 2].into()));
-    let all = Instances { prototypes, prototype_of, transforms, first_id: 2, mask: u32::MAX };
+    let all = Instances { prototypes, prototype_of, transforms, first_id: 2, mask: u32::MAX, masks: None, tints: None };
     scene.add_instances(&all).expect("an array");
     scene.add_instance(&model, 9, DAffine3::from_translation(DVec3::X * 0.5)).expect("an instance");
     let hidden = Look { visible: false, ..Look::default() };
@@ -294,7 +312,17 @@ fn empty_scenes_of_arrays_have_no_occurrences() {
         let maps = (first_id..).map(|id| DAffine3::from_translation(DVec3::X * id as f64));
         let transforms = Transforms::Affine(maps.take(prototype_of.len()).collect());
         let (prototypes, prototype_of) = (Prototypes::Scenes(prototypes), Arc::from(prototype_of));
-        scene.add_instances(&Instances { prototypes, prototype_of, transforms, first_id, mask: 1 }).expect("an array");
+        scene
+            .add_instances(&Instances {
+                prototypes,
+                prototype_of,
+                transforms,
+                first_id,
+                mask: 1,
+                masks: None,
+                tints: None,
+            })
+            .expect("an array");
     };
     add(10, vec![empty.clone()], &[0, 0, 0]);
     add(20, vec![empty.clone(), two.clone(), empty.clone()], &[0, 1, 2, 1, 0]);
@@ -332,7 +360,7 @@ fn arrays_of_scenes_count_against_the_budget() {
         let maps = (0..40_000).map(|i| DAffine3::from_translation(DVec3::X * f64::from(i)));
         let prototypes = Prototypes::Scenes(vec![inner.clone()]);
         let (prototype_of, transforms) = (Arc::from([]), Transforms::Affine(maps.collect()));
-        let all = Instances { prototypes, prototype_of, transforms, first_id: 0, mask: 1 };
+        let all = Instances { prototypes, prototype_of, transforms, first_id: 0, mask: 1, masks: None, tints: None };
         match outer.add_instances(&all).and_then(|()| outer.commit()) {
             Ok(()) => {
                 assert!(round > 0 && context.memory_used() <= budget);

@@ -19,13 +19,13 @@ use std::collections::{BTreeMap, HashSet};
 use std::sync::Arc;
 
 /// Trees of a tile, and tiles.
-const TREES: usize = 90;
-const TILES: usize = 48;
+pub const TREES: usize = 90;
+pub const TILES: usize = 48;
 /// Half the size of a tile, and the greatest size of a tree.
-const HALF: f64 = 14.0;
+pub const HALF: f64 = 14.0;
 const TREE: f64 = 3.0;
-const FIRST_TREE: u64 = 100;
-const FIRST_TILE: u64 = 1000;
+pub const FIRST_TREE: u64 = 100;
+pub const FIRST_TILE: u64 = 1000;
 
 /// Two kinds of trees: crowns on trunks, and crossed twigs.
 fn kinds() -> [Vec<Tri>; 2] {
@@ -37,10 +37,10 @@ fn kinds() -> [Vec<Tri>; 2] {
 }
 
 /// Tiles of trees, tilted and otherwise changed, in a scene.
-struct Forest {
+pub struct Forest {
     kinds: [Vec<Tri>; 2],
-    tile: Scene,
-    scene: Scene,
+    pub tile: Scene,
+    pub scene: Scene,
     /// The kinds and the places of the trees of a tile, and the places of the tiles.
     trees: Vec<(usize, DAffine3)>,
     tiles: Vec<DAffine3>,
@@ -52,11 +52,19 @@ fn turned(rng: &mut Rng) -> DQuat {
 }
 
 fn array(prototypes: Prototypes, prototype_of: Vec<u32>, transforms: Transforms, first_id: u64) -> Instances {
-    Instances { prototypes, prototype_of: Arc::from(prototype_of), transforms, first_id, mask: u32::MAX }
+    Instances {
+        prototypes,
+        prototype_of: Arc::from(prototype_of),
+        transforms,
+        first_id,
+        mask: u32::MAX,
+        masks: None,
+        tints: None,
+    }
 }
 
 impl Forest {
-    fn around(context: &Context, middle: DVec3) -> Self {
+    pub fn around(context: &Context, middle: DVec3) -> Self {
         let mut rng = Rng::new(9);
         let kinds = kinds();
         let files: Vec<built::Built> = (1..)
@@ -107,7 +115,7 @@ impl Forest {
     }
 
     /// The triangles of all trees but those at the indices of `hidden`, tile by tile.
-    fn oracle(&self, hidden: &HashSet<usize>) -> Bvh64 {
+    pub fn oracle(&self, hidden: &HashSet<usize>) -> Bvh64 {
         let mut tris = Vec::new();
         for (i, at) in self.tiles.iter().enumerate() {
             for (j, (kind, place)) in self.trees.iter().enumerate() {
@@ -120,12 +128,12 @@ impl Forest {
         Bvh64::new(tris)
     }
 
-    fn middle(&self) -> DVec3 {
+    pub fn middle(&self) -> DVec3 {
         self.tiles.iter().map(|it| it.translation).sum::<DVec3>() / TILES as f64
     }
 
     /// Rays with cones from about the scene, near it and far from it, some of them toward surfaces.
-    fn rays(&self, oracle: &Bvh64, count: usize, poe: f32) -> Vec<Ray> {
+    pub fn rays(&self, oracle: &Bvh64, count: usize, poe: f32) -> Vec<Ray> {
         let (mut rng, reach) = (Rng::new(poe.to_bits().into()), HALF * 8.0);
         let far = |rng: &mut Rng| self.middle() + (rng.direction() + DVec3::Z * 0.3) * rng.between(1.5, 9.0) * reach;
         let from_afar = (0..count).map(|i| {
@@ -156,15 +164,20 @@ fn hits_of(state: &SceneState, rays: &[Ray]) -> Vec<Hit> {
 }
 
 /// What stands in is a group if its error is greater than a tree.
-fn is_group(hit: &Hit) -> bool {
+pub fn is_group(hit: &Hit) -> bool {
     hit.kind == HitKind::Lod && hit.error > TREE as f32
 }
 
 /// Judges many rays; returns the hits on groups.
-fn check(name: &str, forest: &Forest, hidden: &HashSet<usize>, count: usize) -> Vec<Hit> {
+pub fn check(name: &str, forest: &Forest, hidden: &HashSet<usize>, count: usize) -> Vec<Hit> {
+    check_with_mask(name, forest, hidden, count, u32::MAX)
+}
+
+/// [`check`] for rays with a mask.
+pub fn check_with_mask(name: &str, forest: &Forest, hidden: &HashSet<usize>, count: usize, mask: u32) -> Vec<Hit> {
     let (oracle, state, mut groups) = (forest.oracle(hidden), forest.scene.state(), Vec::<Hit>::new());
     for poe in [1.0, 10.0, 60.0, 400.0] {
-        let rays = forest.rays(&oracle, count, poe);
+        let rays: Vec<Ray> = forest.rays(&oracle, count, poe).iter().map(|ray| Ray { mask, ..*ray }).collect();
         let (hits, mut tally) = (hits_of(&state, &rays), Tally::default());
         rays.iter().zip(&hits).for_each(|(ray, hit)| judge(&oracle, ray, hit, &mut tally));
         let before = groups.len();
@@ -189,7 +202,7 @@ fn check(name: &str, forest: &Forest, hidden: &HashSet<usize>, count: usize) -> 
     groups
 }
 
-fn rays_of_a_setting() -> usize {
+pub fn rays_of_a_setting() -> usize {
     built::sized(6000, 300)
 }
 

@@ -47,6 +47,8 @@ fn add_array(scene: &Scene, prototypes: [&(Scene, Flat); 2], (rng, reach): (&mut
         transforms: Transforms::Affine(maps.to_vec().into()),
         first_id: FIRST,
         mask: 7,
+        masks: None,
+        tints: None,
     };
     scene.add_instances(&instances).expect("an array of scenes");
     let looks = [1, 3].map(|i| Look { visible: i != 1, selected: i == 3, ..Look::default() });
@@ -81,7 +83,9 @@ fn nested(context: &Context, model: &Model, levels: usize, rng: &mut Rng) -> (Sc
     let maps: Vec<DAffine3> = (0..3).map(|_| place(rng, reach)).collect();
     let (prototypes, prototype_of) = (vec![model.clone()].into(), Arc::from([]));
     let transforms = Transforms::Affine(maps.clone().into());
-    scene.add_instances(&Instances { prototypes, prototype_of, transforms, first_id: 10, mask: 3 }).expect("an array");
+    let (first_id, mask) = (10, 3);
+    let all = Instances { prototypes, prototype_of, transforms, first_id, mask, masks: None, tints: None };
+    scene.add_instances(&all).expect("an array");
     let hidden = Look { visible: false, ..Look::default() };
     scene.set_instance_look(11, hidden).expect("a look");
     for (i, map) in maps.into_iter().enumerate() {
@@ -315,6 +319,8 @@ fn a_commit_takes_scenes_as_they_are() {
         transforms: Transforms::Affine([DAffine3::IDENTITY; 2].into()),
         first_id: 50,
         mask: 1,
+        masks: None,
+        tints: None,
     };
     bad(inner.add_instances(&array(&outer)), "in itself");
     bad(inner.add_instances(&array(&inner)), "in itself");
@@ -394,12 +400,14 @@ fn scenes_of_an_array_move() {
         scene.add_scene(&inner, 5001, other).expect("a scene");
         let prototypes = vec![model.clone()].into();
         let (prototype_of, transforms) = (Arc::from([]), Transforms::Affine([other; 3].into()));
-        let all = Instances { prototypes, prototype_of, transforms, first_id: 6000, mask: u32::MAX };
+        let (first_id, mask) = (6000, u32::MAX);
+        let all = Instances { prototypes, prototype_of, transforms, first_id, mask, masks: None, tints: None };
         scene.add_instances(&all).expect("an array");
         let prototypes = Prototypes::Scenes(vec![inner.clone(), Scene::new(&context), small.clone()]);
         let prototype_of = (0..maps.len() as u32).map(|i| i % 3).collect();
         let transforms = Transforms::Affine(maps.to_vec().into());
-        let all = Instances { prototypes, prototype_of, transforms, first_id: 0, mask: u32::MAX };
+        let all =
+            Instances { prototypes, prototype_of, transforms, first_id: 0, mask: u32::MAX, masks: None, tints: None };
         scene.add_instances(&all).expect("an array");
         scene.commit().expect("a commit");
         scene

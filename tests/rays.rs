@@ -2,6 +2,7 @@
 
 mod arrays;
 mod bundles;
+mod by_member;
 mod closed_parts;
 mod common;
 mod counters;
@@ -28,4 +29,5 @@ mod resident;
 mod robust_rays;
 mod slivers;
 mod structures;
+mod tinted_groups;
 mod walk;

@@ -93,7 +93,17 @@ fn flat(context: &Context, models: &[Model; 2], count: usize, seed: u64) -> Scen
         let prototype_of = if form == 0 { Arc::from([]) } else { (0..count as u32).map(|i| i % 3 % 2).collect() };
         let mask = if form == 1 { 3 } else { u32::MAX };
         let prototypes = models.to_vec().into();
-        scene.add_instances(&Instances { prototypes, prototype_of, transforms, first_id, mask }).expect("an array");
+        scene
+            .add_instances(&Instances {
+                prototypes,
+                prototype_of,
+                transforms,
+                first_id,
+                mask,
+                masks: None,
+                tints: None,
+            })
+            .expect("an array");
         scene.set_instance_look(first_id + 3, RED).expect("a look");
         scene.set_instance_look(first_id + 1, HIDDEN).expect("a look");
         scene.set_instance_mask(first_id, 6).expect("a mask");
@@ -128,7 +138,7 @@ fn nested(context: &Context, models: &[Model; 2], count: usize) -> Scene {
             let prototype_of: Arc<[u32]> = Arc::from([0, 1, 0, 1, 1]);
             let transforms = transforms(form, 5, (&mut rng, reach));
             let (first_id, mask) = (1000 * (form as u64 + 1), if form == 2 { 7 } else { u32::MAX });
-            let array = Instances { prototypes, prototype_of, transforms, first_id, mask };
+            let array = Instances { prototypes, prototype_of, transforms, first_id, mask, masks: None, tints: None };
             scene.add_instances(&array).expect("an array of scenes");
             scene.set_instance_look(first_id + 1, if form == 1 { HIDDEN } else { RED }).expect("a look");
             scene.set_instance_mask(first_id + 4, 4).expect("a mask");
@@ -347,9 +357,12 @@ fn memory_counts_as_for_built_scenes() {
     assert!(matches!(error, Error::OverBudget { .. }), "{error}");
 }
 
-/// The golden file: bytes of the folder's `model.oc` with its own size and hash.
-fn golden(folder: &Folder) -> Vec<u8> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/scene_files/golden.bin");
+/// The golden files, of both formats; true: members of arrays have masks and tints.
+const GOLDEN: [(&str, bool); 2] = [("golden_0_1.bin", false), ("golden.bin", true)];
+
+/// A golden file: bytes with the size and hash of the folder's own `model.oc`.
+fn golden(folder: &Folder, name: &str) -> Vec<u8> {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/scene_files").join(name);
     let mut bytes = std::fs::read(path).expect("the golden file");
     let model = std::fs::read(&folder.models[1]).expect("a model");
     // The row of the only model follows the header and two lights.
@@ -369,15 +382,20 @@ fn sealed(mut bytes: Vec<u8>) -> Vec<u8> {
     bytes
 }
 
-/// A scene of all kinds of rows: the content of the golden file.
-fn small(context: &Context, model: &Model) -> Scene {
+/// A scene of all kinds of rows: the content of the golden files. `has_lists`: members of arrays have masks and tints.
+fn small(context: &Context, model: &Model, has_lists: bool) -> Scene {
     let mut rng = Rng::new(6);
     let scene = Scene::new(context);
     scene.add_instance(model, 7, map(&mut rng, 2.0)).expect("an instance");
     scene.add_instance(model, 5, map(&mut rng, 2.0)).expect("an instance");
     scene.set_instance_look(5, RED).expect("a look");
     let models = || Prototypes::Models(vec![model.clone()]);
-    add(&scene, (models(), Arc::from([])), transforms(2, 3, (&mut rng, 3.0)), 20);
+    let of_three = transforms(2, 3, (&mut rng, 3.0));
+    add(&scene, (models(), Arc::from([])), of_three, 20);
+    if has_lists {
+        scene.set_masks(20, &[1, 6, u32::MAX]).expect("masks");
+        scene.set_tints(21, &[[255, 128, 0, 255]]).expect("a tint");
+    }
     scene.set_instance_mask(21, 2).expect("a mask");
     scene.commit().expect("a commit");
     let outer = Scene::new(context);
@@ -386,6 +404,10 @@ fn small(context: &Context, model: &Model) -> Scene {
     add(&outer, (models(), Arc::from([0, 0])), transforms(1, 2, (&mut rng, 9.0)), 30);
     let scenes = Prototypes::Scenes(vec![scene.clone()]);
     add(&outer, (scenes, Arc::from([])), transforms(0, 2, (&mut rng, 9.0)), 40);
+    if has_lists {
+        outer.set_masks(41, &[5]).expect("a mask");
+        outer.set_tints(40, &[[10, 20, 30, 40]]).expect("a tint");
+    }
     outer.set_instance_look(41, HIDDEN).expect("a look");
     let sun = LightKind::Directional(DVec3::new(0.5, 0.25, -1.0));
     let sun = Light { kind: sun, colour: [1.0, 0.5, 0.25], intensity: 2.0, shadows: true };
@@ -396,26 +418,36 @@ fn small(context: &Context, model: &Model) -> Scene {
 
 fn add(scene: &Scene, of: (Prototypes, Arc<[u32]>), transforms: Transforms, first_id: u64) {
     let (prototypes, prototype_of) = of;
-    let array = Instances { prototypes, prototype_of, transforms, first_id, mask: u32::MAX };
+    let array = Instances { prototypes, prototype_of, transforms, first_id, mask: u32::MAX, masks: None, tints: None };
     scene.add_instances(&array).expect("an array");
 }
 
 /// The format does not change by accident: a file of an earlier day opens, and is the same when it is saved again. Only
 /// the size and the hash of its model are those of this day, as the format of models changes for other reasons. With
-/// `OUTCROP_WRITE_GOLDEN` set the file is written anew.
+/// `OUTCROP_WRITE_GOLDEN` set the file of the newest format is written anew.
 #[test]
 fn a_golden_file_stays_as_it_is() {
     let (folder, context) = (Folder::new(), built::context(1));
     let path = folder.at("scene.oc");
     if std::env::var_os("OUTCROP_WRITE_GOLDEN").is_some() {
-        small(&context, &folder.open(&context)[1]).save(&path).expect("a file");
-        let to = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/scene_files/golden.bin");
+        // That of an older format stays as it is.
+        let (name, has_lists) = GOLDEN[1];
+        small(&context, &folder.open(&context)[1], has_lists).save(&path).expect("a file");
+        let to = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/scene_files").join(name);
         std::fs::copy(&path, to).expect("a copy");
         return;
     }
-    let bytes = golden(&folder);
+    for (name, has_lists) in GOLDEN {
+        stays_as_it_is(&folder, &context, name, has_lists);
+    }
+}
+
+fn stays_as_it_is(folder: &Folder, context: &Context, name: &str, has_lists: bool) {
+    let path = folder.at("scene.oc");
+    let bytes = golden(folder, name);
+    assert_eq!(bytes[10..12], [1 + u8::from(has_lists), 0], "the minor version");
     std::fs::write(&path, &bytes).expect("a file");
-    let opened = Scene::open(&context, &path).expect("a scene");
+    let opened = Scene::open(context, &path).expect("a scene");
     let state = opened.state();
     assert_eq!(state.instance_count(), 2 + 3 * 5);
     let ways: Vec<Vec<u64>> = (0..17).map(|number| state.path(number).expect("a way").0).collect();
@@ -423,6 +455,6 @@ fn a_golden_file_stays_as_it_is() {
     assert_eq!(ways[16], [41, 22]);
     opened.save(folder.at("again.oc")).expect("a file");
     assert!(std::fs::read(folder.at("again.oc")).expect("a file") == bytes);
-    let built = small(&context, &folder.open(&context)[1]);
+    let built = small(context, &folder.open(context)[1], has_lists);
     assert_alike(&built, &opened, 10.0, 10);
 }

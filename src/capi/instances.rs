@@ -65,6 +65,17 @@ pub struct oc_instances {
     pub scenes: *const *const oc_scene,
     /// Number of scenes, at least 1; 0 if there are models.
     pub scene_count: u64,
+    /// The mask of each instance: a ray can hit it only if its mask has a bit in common with both this one and `mask`.
+    /// 0: no ray. NULL: all bits.
+    pub masks: *const u32,
+    /// Bytes from one mask to the next. 0: tightly packed.
+    pub mask_stride: u64,
+    /// The tint of each instance, 4 bytes: factors to linear red, green and blue and to the opacity of all that it
+    /// shows, where 255 stands for 1. With an opacity below 255 it is see-through. Colours of looks replace those that
+    /// a tint changes, and have no tint. Those of scenes in scenes are multiplied. NULL: no instance has a tint.
+    pub tints: *const u8,
+    /// Bytes from one tint to the next. 0: tightly packed.
+    pub tint_stride: u64,
 }
 
 // SAFETY: `repr(C)`, numbers and pointers without padding, `struct_size` first.
@@ -139,14 +150,40 @@ unsafe fn prototypes(given: &oc_instances) -> Checked<Prototypes> {
     }
 }
 
+/// Fails for more than an array may have.
+fn check_count(count: u64, what: &str) -> Checked<()> {
+    if count >= 1 << 31 { bad(format!("{count} {what} are too many")) } else { Ok(()) }
+}
+
+/// Copies masks.
+///
+/// # Safety
+/// `masks` points to `count` masks, `stride` bytes apart.
+unsafe fn masks_of(masks: *const u32, count: u64, stride: u64) -> Checked<Arc<[u32]>> {
+    let all = Strided::new(masks, count, stride, "masks")?;
+    // SAFETY: the function's own contract; each index is below the count.
+    Ok((0..all.count).map(|i| unsafe { all.get(i) }).collect())
+}
+
+/// Copies tints.
+///
+/// # Safety
+/// `tints` points to `count` tints of 4 bytes, `stride` bytes apart.
+unsafe fn tints_of(tints: *const u8, count: u64, stride: u64) -> Checked<Arc<[[u8; 4]]>> {
+    let all = Strided::new(tints.cast::<[u8; 4]>(), count, stride, "tints")?;
+    // SAFETY: the function's own contract; each index is below the count.
+    Ok((0..all.count).map(|i| unsafe { all.get(i) }).collect())
+}
+
 /// Adds many instances of a few models or scenes at once. Takes effect at oc_scene_commit.
 ///
 /// The arrays are copied: 96 bytes for an affine transform in doubles, 48 for the other forms, 4 for an index of a
-/// prototype. A commit adds some 60 to 77 bytes for each mesh that is placed, or for each member that is a scene, for
-/// the tree over all of them, 16 more if a transform stretches or scenes differ in the number of meshes in them, and
-/// 250 while it runs. The members of the array are instances like those of oc_scene_add_instance, but none can be
-/// removed alone or given another model, and one with an oc_place takes another place (oc_scene_set_transforms), but no
-/// matrix. A mask or a look that is set for one of them takes memory for that one.
+/// prototype, and 4 for a mask or a tint, unless 512 in a row have all bits or no tint. A commit adds some 60 to 77
+/// bytes for each mesh that is placed, or for each member that is a scene, for the tree over all of them, 16 more if a
+/// transform stretches or scenes differ in the number of meshes in them, and 250 while it runs. The members of the
+/// array are instances like those of oc_scene_add_instance, but none can be removed alone or given another model, and
+/// one with an oc_place takes another place (oc_scene_set_transforms), but no matrix. A mask or a look that is set for
+/// one of them takes memory for that one.
 ///
 /// - `instances`: models or scenes, transforms and ids.
 ///
@@ -178,7 +215,11 @@ pub unsafe extern "C" fn oc_scene_add_instances(scene: *mut oc_scene, instances:
         let mask = if given.mask == 0 { u32::MAX } else { given.mask };
         let oc_instances { form, transforms, count, stride, .. } = given;
         let transforms = copied(&Given { form, transforms, count, stride })?;
-        let instances = Instances { prototypes, prototype_of, transforms, first_id: given.first_id, mask };
+        let first_id = given.first_id;
+        let has = [!given.masks.is_null(), !given.tints.is_null()];
+        let masks = has[0].then(|| masks_of(given.masks, count, given.mask_stride)).transpose()?;
+        let tints = has[1].then(|| tints_of(given.tints, count, given.tint_stride)).transpose()?;
+        let instances = Instances { prototypes, prototype_of, transforms, first_id, mask, masks, tints };
         handles::with(scene, |scene: &Shell<SceneObject>| Ok(scene.scene.add_instances(&instances)?))
     })
 }
@@ -210,11 +251,68 @@ pub unsafe extern "C" fn oc_scene_set_transforms(
 ) -> oc_status {
     // SAFETY: the function's own contract.
     boundary(|| unsafe {
-        if count >= 1 << 31 {
-            return bad(format!("{count} transforms are too many"));
-        }
+        check_count(count, "transforms")?;
         let all = copied(&Given { form, transforms, count, stride })?;
         handles::with(scene, |scene: &Shell<SceneObject>| Ok(scene.scene.set_transforms(first_id, &all)?))
+    })
+}
+
+/// Replaces the masks of instances of an array. Takes effect at oc_scene_commit.
+///
+/// - `first_id`: id of the first; each further one has the next higher id. All are of one array.
+/// - `masks`: the new masks, as in oc_instances. They replace those of oc_scene_set_instance_mask too, and that call
+///   replaces the mask of the array with that of the instance.
+/// - `count`: number of masks.
+/// - `stride`: bytes from one mask to the next. 0: tightly packed.
+///
+/// Errors: OC_STATUS_INVALID_ARGUMENT if an argument is not as documented; OC_STATUS_OVER_BUDGET if the budget has no
+/// room for copies of the parts of the array that change. No mask has then changed.
+///
+/// Thread safety: any thread. Takes time in proportion to `count`; the commit as after oc_scene_set_transforms, where
+/// instances with new masks count as moved.
+/// # Safety
+/// `scene` is a live handle; the array is as documented.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn oc_scene_set_masks(
+    scene: *mut oc_scene,
+    first_id: u64,
+    masks: *const u32,
+    count: u64,
+    stride: u64,
+) -> oc_status {
+    // SAFETY: the function's own contract.
+    boundary(|| unsafe {
+        check_count(count, "masks")?;
+        let all = masks_of(masks, count, stride)?;
+        handles::with(scene, |scene: &Shell<SceneObject>| Ok(scene.scene.set_masks(first_id, &all)?))
+    })
+}
+
+/// Replaces the tints of instances of an array. Takes effect at oc_scene_commit.
+///
+/// - `first_id`: id of the first; each further one has the next higher id. All are of one array.
+/// - `tints`: the new tints, 4 bytes each, as in oc_instances.
+/// - `count`: number of tints.
+/// - `stride`: bytes from one tint to the next. 0: tightly packed.
+///
+/// Errors: as oc_scene_set_masks.
+///
+/// Thread safety: any thread. Takes time as oc_scene_set_masks does.
+/// # Safety
+/// `scene` is a live handle; the array is as documented.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn oc_scene_set_tints(
+    scene: *mut oc_scene,
+    first_id: u64,
+    tints: *const u8,
+    count: u64,
+    stride: u64,
+) -> oc_status {
+    // SAFETY: the function's own contract.
+    boundary(|| unsafe {
+        check_count(count, "tints")?;
+        let all = tints_of(tints, count, stride)?;
+        handles::with(scene, |scene: &Shell<SceneObject>| Ok(scene.scene.set_tints(first_id, &all)?))
     })
 }
 

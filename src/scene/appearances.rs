@@ -82,13 +82,15 @@ impl SceneState {
         }
         match top.root()? {
             MemberChild::Node(_) => top.appearance(),
+            // An appearance has no tint.
             MemberChild::Member(member) => match self.placement.member(member) {
+                it if self.placement.tint_in_cells(&it) != Some(Vec3::ONE) => None,
                 Member::Placed(number) => {
                     let (stand, number) = (self.stand(number.into()), u64::from(number));
                     let placed = self.placed(number);
                     let model = &self.models[stand.ids.model as usize];
                     let look = || model.appearance(stand.ids.tree, stand.ids.first_part);
-                    stand.state.is_plain().then(look).flatten().map(|it| (it, placed.frame()))
+                    stand.is_plain().then(look).flatten().map(|it| (it, placed.frame()))
                 }
                 Member::Scene(it) => {
                     let is_plain = std::ptr::eq(self.states.in_scene(&self.placement, &it), &*it.scene.states)
@@ -153,23 +155,25 @@ impl<'a> MemberLooks<'a> {
 
     /// That of a member, in the scene.
     pub fn look(&self, member: u32) -> Option<MemberLook<'_>> {
-        match self.placement.member(member) {
+        let member = self.placement.member(member);
+        let tint = self.placement.tint_in_cells(&member)?;
+        match member {
             Member::Placed(number) => {
                 if let Some(placed) = self.placement.single(number.into()) {
                     let appearance = self.singles[number as usize].as_ref()?;
-                    return Some(MemberLook { appearance, map: placed.frame(), stretch: placed.stretch });
+                    return Some(MemberLook { appearance, map: placed.frame(), stretch: placed.stretch, tint });
                 }
                 let at = self.placement.arrays.partition_point(|array| array.first <= number) - 1;
                 let (array, of) = (&self.placement.arrays[at], &self.arrays[at]);
                 let (prototype, nth) = array.prototype_and_tree(number);
                 let appearance = of[prototype as usize][nth as usize].as_ref()?;
                 let placed = array.placed(number, self.models);
-                Some(MemberLook { appearance, map: placed.frame(), stretch: placed.stretch })
+                Some(MemberLook { appearance, map: placed.frame(), stretch: placed.stretch, tint })
             }
             Member::Scene(it) => {
                 let (appearance, map) = self.scenes.get(&std::ptr::from_ref(it.scene))?.as_ref()?;
                 let map = it.world_from_scene() * *map;
-                Some(MemberLook { appearance, map, stretch: Measures::of(&map.matrix3).stretch })
+                Some(MemberLook { appearance, map, stretch: Measures::of(&map.matrix3).stretch, tint })
             }
         }
     }

@@ -3,9 +3,11 @@
 use super::edit::Scene;
 use super::measures::check_transform;
 use super::model::Model;
+use super::tints::{self, NO_TINT, Tint};
+use super::values::Values;
 use crate::base::error::{Error, Result};
 use crate::residency::{Kept, Residency};
-use glam::{DAffine3, DMat3, DQuat, DVec3};
+use glam::{DAffine3, DMat3, DQuat, DVec3, Vec3};
 use std::mem::discriminant;
 use std::ops::Range;
 use std::sync::Arc;
@@ -147,6 +149,13 @@ pub struct Instances {
     pub first_id: u64,
     /// They are visible to rays with a common bit in their masks.
     pub mask: u32,
+    /// The mask of each instance, in addition to that of all: rays see it that have a bit in common with what both have
+    /// in common. `None`: that of all.
+    pub masks: Option<Arc<[u32]>>,
+    /// The tint of each instance: linear factors to red, green, blue and opacity of all that it shows, where 255 stands
+    /// for 1. Colours of looks, which replace those, have no tint. In scenes in scenes the tints of all levels are
+    /// multiplied. `None`: no instance has one.
+    pub tints: Option<Arc<[[u8; 4]]>>,
 }
 
 /// The memory of arrays, for messages.
@@ -167,6 +176,10 @@ pub(super) struct Array {
     /// Pages of transforms that replace those of `transforms`. Empty if there are none.
     pages: Vec<Option<Transforms>>,
     pub first_id: u64,
+    masks: Values<u32>,
+    tints: Values<Tint>,
+    /// Number of members with see-through tints.
+    clear: u32,
     /// Of `transforms`, shared with the arrays that this one is made of.
     memory: Arc<Kept>,
     _pages: Kept,
@@ -192,11 +205,20 @@ impl Array {
         if first_id.checked_add(count as u64).is_none() {
             return bad(format!("{count} ids from {first_id} on are too many"));
         }
+        let of_masks = instances.masks.as_ref().map(|all| (all.len(), "masks"));
+        let of_tints = instances.tints.as_ref().map(|all| (all.len(), "tints"));
+        if let Some((have, what)) = of_masks.into_iter().chain(of_tints).find(|it| it.0 != count) {
+            return bad(format!("{count} transforms, but {have} {what}"));
+        }
         transforms.check("instances: instance")?;
         let (prototype_of, transforms) = (Arc::clone(prototype_of), transforms.clone());
         let memory = Arc::new(residency.keep(WHAT, bytes_of(&transforms, &prototype_of))?);
-        let (pages, first_id) = (Vec::new(), *first_id);
-        Ok(Self { prototype_of, transforms, pages, first_id, memory, _pages: Kept::default() })
+        let (pages, first_id, _pages) = (Vec::new(), *first_id, Kept::default());
+        let (masks, tints) = (Values::all(u32::MAX), Values::all(NO_TINT));
+        let mut new = Self { prototype_of, transforms, pages, first_id, masks, tints, clear: 0, memory, _pages };
+        instances.masks.as_ref().map_or(Ok(()), |all| new.set_masks(0, all, residency))?;
+        instances.tints.as_ref().map_or(Ok(()), |all| new.set_tints(0, all, residency))?;
+        Ok(new)
     }
 
     /// Number of its members.
@@ -218,6 +240,43 @@ impl Array {
             Some(Some(page)) => page.get(member % PAGE),
             _ => self.transforms.get(member),
         }
+    }
+
+    /// The mask of a member, without that of all.
+    #[inline]
+    pub fn mask(&self, member: u32) -> u32 {
+        self.masks.get(member)
+    }
+
+    /// The tint of a member.
+    #[inline]
+    pub fn tint(&self, member: u32) -> Tint {
+        self.tints.get(member)
+    }
+
+    /// True if members have masks of their own.
+    pub fn has_masks(&self) -> bool {
+        !self.masks.are_plain()
+    }
+
+    /// True if members have tints.
+    pub fn has_tints(&self) -> bool {
+        !self.tints.are_plain()
+    }
+
+    /// True if members have see-through tints.
+    pub fn has_clear(&self) -> bool {
+        self.clear > 0
+    }
+
+    /// The factors to the colours of a member in the cells above it. `None`: it is in none.
+    pub fn in_cells(&self, member: u32) -> Option<Vec3> {
+        tints::in_cells(self.mask(member), self.tint(member))
+    }
+
+    /// True if a member is shown here as in another array.
+    pub fn shows_as(&self, other: &Self, member: u32) -> bool {
+        (self.mask(member), self.tint(member)) == (other.mask(member), other.tint(member))
     }
 
     /// The member with an id.
@@ -258,20 +317,42 @@ impl Array {
         if discriminant(by) != discriminant(&this.transforms) {
             return Err(Error::bad_argument("the instances of the array have transforms of another form"));
         }
+        Self::own(this, by.len() > this.transforms.len() / 2, residency)?.overwrite(first as usize, by, residency)
+    }
+
+    /// The array itself, or a copy in its place if others hold it; `is_whole`: with transforms of its own. Fails with
+    /// `OverBudget`.
+    pub fn own<'a>(this: &'a mut Arc<Self>, is_whole: bool, residency: &Residency) -> Result<&'a mut Self> {
         if Arc::get_mut(this).is_none() {
-            *this = Arc::new(this.copy(by.len() > this.transforms.len() / 2, residency)?);
+            *this = Arc::new(this.copy(is_whole, residency)?);
         }
-        let Some(own) = Arc::get_mut(this) else { return Err(Error::Internal("an array is shared".into())) };
-        own.overwrite(first as usize, by, residency)
+        Arc::get_mut(this).ok_or_else(|| Error::Internal("an array is shared".into()))
+    }
+
+    /// Replaces the masks of members from `first` on, in copied pages. Fails with `OverBudget`; then nothing has
+    /// changed.
+    pub fn set_masks(&mut self, first: u32, by: &[u32], residency: &Residency) -> Result<()> {
+        self.masks = self.masks.replaced(self.transforms.len(), first as usize, by, residency)?;
+        Ok(())
+    }
+
+    /// [`Array::set_masks`] for tints.
+    pub fn set_tints(&mut self, first: u32, by: &[Tint], residency: &Residency) -> Result<()> {
+        let tints = self.tints.replaced(self.transforms.len(), first as usize, by, residency)?;
+        let old = (first..first + by.len() as u32).filter(|member| tints::is_clear(self.tint(*member))).count();
+        let new = by.iter().filter(|tint| tints::is_clear(**tint)).count();
+        (self.tints, self.clear) = (tints, self.clear - old as u32 + new as u32);
+        Ok(())
     }
 
     /// A copy that shares the pages of this array, or with transforms of its own.
     fn copy(&self, is_whole: bool, residency: &Residency) -> Result<Self> {
         let (prototype_of, first_id) = (Arc::clone(&self.prototype_of), self.first_id);
+        let (masks, tints, clear) = (self.masks.clone(), self.tints.clone(), self.clear);
         if !is_whole {
             let (transforms, pages, memory) = (self.transforms.clone(), self.pages.clone(), Arc::clone(&self.memory));
             let _pages = residency.keep(WHAT, self.bytes_of_pages(0))?;
-            return Ok(Self { prototype_of, transforms, pages, first_id, memory, _pages });
+            return Ok(Self { prototype_of, transforms, pages, first_id, masks, tints, clear, memory, _pages });
         }
         let memory = Arc::new(residency.keep(WHAT, bytes_of(&self.transforms, &prototype_of))?);
         let mut transforms = self.transforms.copy(0..self.transforms.len());
@@ -280,7 +361,8 @@ impl Array {
                 transforms.overwrite(at * PAGE, page, 0..page.len());
             }
         }
-        Ok(Self { prototype_of, transforms, pages: Vec::new(), first_id, memory, _pages: Kept::default() })
+        let (pages, _pages) = (Vec::new(), Kept::default());
+        Ok(Self { prototype_of, transforms, pages, first_id, masks, tints, clear, memory, _pages })
     }
 
     /// Bytes of the pages, and of so many more.
@@ -343,7 +425,9 @@ mod tests {
         let (prototype_of, first_id) = (Arc::new([]), 7);
         let (pages, _pages, memory) = (Vec::new(), Kept::default(), Arc::default());
         let transforms = Transforms::Affine(expected.clone().into());
-        let mut array = Arc::new(Array { prototype_of, transforms, pages, first_id, memory, _pages });
+        let (masks, tints, clear) = (Values::all(u32::MAX), Values::all(NO_TINT), 0);
+        let mut array =
+            Arc::new(Array { prototype_of, transforms, pages, first_id, masks, tints, clear, memory, _pages });
         let all = |array: &Array| (0..1500).map(|member| array.transform(member)).collect::<Vec<_>>();
         let mut held: Vec<(Arc<Array>, Vec<DAffine3>)> = Vec::new();
         let ranges = [5..6, 511..513, 512..1024, 1499..1500, 3..700, 1000..1500, 10..1400, 0..1500, 1023..1025];

@@ -1,6 +1,7 @@
 //! The commit of a scene: the placement of all trees, and the states of all instances.
 
 use super::appearances::MemberLooks;
+use super::array::Array;
 use super::commit_inner::InnerScenes;
 use super::draft::{Draft, DraftArray, DraftScene, DraftState};
 use super::edit::Scene;
@@ -103,7 +104,9 @@ impl Scene {
         };
         let see_through = models.iter().any(Model::see_through)
             || states.own().any(|it| it.look.see_through() || it.parts.looks.see_through())
-            || scenes.see_through(draft);
+            || scenes.see_through(draft)
+            || placement.own_arrays().any(Array::has_clear);
+        let has_tints = placement.own_arrays().any(Array::has_tints) || scenes.all().any(|it| it.has_tints);
         let hides_parts = states.own().any(|it| !it.parts.trees.is_empty()) || scenes.all().any(|it| it.hides_parts);
         scenes.add_states(draft, &before.states, &mut states);
         states.find_seen_by();
@@ -111,6 +114,7 @@ impl Scene {
             see_through,
             levels,
             hides_parts,
+            has_tints,
             context: self.context().clone(),
             models,
             singles,

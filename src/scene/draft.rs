@@ -101,6 +101,12 @@ impl<P> DraftArray<P> {
         }
         Ok(self.own.entry(member).or_insert_with(|| self.common.clone()))
     }
+
+    /// See [`Draft::unset_masks`].
+    fn unset_masks(&mut self, members: Range<u32>) {
+        let Self { own, common, .. } = self;
+        own.iter_mut().filter(|it| members.contains(it.0)).for_each(|it| it.1.mask = common.mask);
+    }
 }
 
 impl DraftArray<Model> {
@@ -187,6 +193,14 @@ impl Draft {
         match key {
             ArrayKey::Models(at) => &mut self.arrays[at].array,
             ArrayKey::Scenes(at) => &mut self.scene_arrays[at].array,
+        }
+    }
+
+    /// Gives members with states of their own the mask of all in their array.
+    pub(super) fn unset_masks(&mut self, array: ArrayKey, members: Range<u32>) {
+        match array {
+            ArrayKey::Models(at) => self.arrays[at].unset_masks(members),
+            ArrayKey::Scenes(at) => self.scene_arrays[at].unset_masks(members),
         }
     }
 

@@ -1,6 +1,6 @@
 //! A scene: instances, lights and looks of parts. Edits are free at any time; jobs see them only after a commit.
 
-use super::array::{Array, Instances, Prototypes, Transforms};
+use super::array::{Array, Instances, Prototypes};
 use super::context::Context;
 use super::draft::{ArrayKey, Draft, DraftArray, DraftScene, DraftState, Draftee};
 use super::groups::Groups;
@@ -58,6 +58,7 @@ impl Scene {
             see_through: false,
             levels: 1,
             hides_parts: false,
+            has_tints: false,
             context: context.clone(),
             models: Vec::new(),
             singles: Vec::new(),
@@ -244,48 +245,11 @@ impl Scene {
             it.world_from_scene = world_from_model;
         } else if let Some((array, member)) = draft.member(id) {
             let transforms = draft.array(array).in_form(&world_from_model)?;
-            return self.shift(&mut draft, array, member, &transforms);
+            return self.move_members(&mut draft, array, member, &transforms);
         } else {
             draft.instance(id)?.world_from_model = world_from_model;
         }
         draft.moved = true;
-        Ok(())
-    }
-
-    /// Moves instances of an array with consecutive ids, the first with the id `first_id`. The transforms have the form
-    /// of the array's. Fails with `BadArgument` if they are not all of one array, or for the first transform that is
-    /// wrong, and with `OverBudget`. After a failure nothing has moved.
-    pub fn set_transforms(&self, first_id: u64, transforms: &Transforms) -> Result<()> {
-        let mut draft = self.draft();
-        let Some((array, member)) = draft.member(first_id) else {
-            return Err(Error::bad_argument(format!("instance {first_id} is of no array")));
-        };
-        let left = draft.array(array).len() - member;
-        if transforms.len() > left as usize {
-            let count = transforms.len();
-            return Err(Error::bad_argument(format!("{count} transforms, but {left} instances from {first_id} on")));
-        }
-        self.shift(&mut draft, array, member, transforms)
-    }
-
-    /// Replaces the transforms of members of an array, from `member` on.
-    fn shift(&self, draft: &mut Draft, array: ArrayKey, member: u32, transforms: &Transforms) -> Result<()> {
-        Array::replace(draft.array(array), member, transforms, self.0.context.residency())?;
-        // A commit that places all needs no list.
-        if !draft.moved {
-            draft.shifted.push((array, member..member + transforms.len() as u32));
-            draft.moved = !self.shown().placement.top.may_move(draft.shifted.len());
-        }
-        if draft.moved {
-            draft.shifted.clear();
-        }
-        Ok(())
-    }
-
-    /// Sets the mask of an instance: it is visible to rays with a common bit in their masks. By default all bits are
-    /// set. Cheap.
-    pub fn set_instance_mask(&self, id: u64, mask: u32) -> Result<()> {
-        self.draft().state(&self.0.context, id)?.mask = mask;
         Ok(())
     }
 

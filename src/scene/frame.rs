@@ -6,6 +6,7 @@ use super::measures::Measures;
 use super::placed::{Placed, placed_bounds};
 use super::placement::Member;
 use super::state::{SceneState, States};
+use super::tints;
 use super::walk::HitTree;
 use super::widths::least_width;
 use crate::math::DBounds;
@@ -36,13 +37,16 @@ pub(super) struct Frame<'a> {
     pub scene: &'a SceneState,
     /// The states of what is in it, under those of the scenes around it.
     states: &'a States,
+    /// The masks of members of arrays around it, together.
+    mask: u32,
     /// `None`: it is the outermost one.
     pub world_from_scene: Option<DAffine3>,
     /// The number of its first placed tree.
     pub first: u64,
     /// Number of scenes around it.
     level: u32,
-    /// True if single occurrences in it have looks of their own, which scenes around it give them.
+    /// True if single occurrences in it have looks of their own, or all of it is see-through, because scenes around it
+    /// say so.
     has_looks: bool,
 }
 
@@ -52,11 +56,12 @@ pub(super) struct FrameKey {
     world_from_scene: Option<DAffine3>,
     first: u64,
     level: u32,
+    mask: u32,
     has_looks: bool,
 }
 
 impl FrameKey {
-    pub const OUTERMOST: Self = Self { world_from_scene: None, first: 0, level: 0, has_looks: false };
+    pub const OUTERMOST: Self = Self { world_from_scene: None, first: 0, level: 0, mask: u32::MAX, has_looks: false };
 }
 
 /// A [`Target`] with its scene.
@@ -78,7 +83,8 @@ impl Fork<'_> {
 
 impl<'a> Frame<'a> {
     pub fn outermost(scene: &'a SceneState) -> Self {
-        Self { scene, states: &scene.states, world_from_scene: None, first: 0, level: 0, has_looks: false }
+        let (states, mask) = (&*scene.states, u32::MAX);
+        Self { scene, states, mask, world_from_scene: None, first: 0, level: 0, has_looks: false }
     }
 
     /// The scene with placed tree `number` that has so many scenes around it.
@@ -90,34 +96,34 @@ impl<'a> Frame<'a> {
     /// The frame of `key`, which was made in the same scene.
     #[inline]
     pub fn of(scene: &'a SceneState, key: &FrameKey) -> Self {
-        let FrameKey { world_from_scene, first, level, has_looks } = *key;
+        let FrameKey { world_from_scene, first, level, mask, has_looks } = *key;
         let (mut inner, mut states, mut before) = (scene, &*scene.states, 0);
         for _ in 0..level {
             let it = inner.placement.scene_with(first - before);
             states = states.in_scene(&inner.placement, &it);
             (inner, before) = (it.scene, before + it.first);
         }
-        Self { scene: inner, states, world_from_scene, first, level, has_looks }
+        Self { scene: inner, states, mask, world_from_scene, first, level, has_looks }
     }
 
     /// See [`FrameKey`].
     pub fn key(&self) -> FrameKey {
-        let Self { world_from_scene, first, level, has_looks, .. } = *self;
-        FrameKey { world_from_scene, first, level, has_looks }
+        let Self { world_from_scene, first, level, mask, has_looks, .. } = *self;
+        FrameKey { world_from_scene, first, level, mask, has_looks }
     }
 
     /// A scene in this one.
     pub fn inside(&self, it: Inner<'a>) -> Self {
         let map = self.world_from_scene.map_or(it.world_from_scene(), |outer| outer * it.world_from_scene());
         let states = self.states.in_scene(&self.scene.placement, &it);
-        let (first, level) = (self.first + it.first, self.level + 1);
-        let has_looks = self.has_looks || self.states.has_occurrence_of(&it);
-        Self { scene: it.scene, states, world_from_scene: Some(map), first, level, has_looks }
+        let (first, level, mask) = (self.first + it.first, self.level + 1, self.mask & it.mask());
+        let has_looks = self.has_looks || self.states.has_occurrence_of(&it) || tints::is_clear(it.tint());
+        Self { scene: it.scene, states, mask, world_from_scene: Some(map), first, level, has_looks }
     }
 
     /// The mask of the rays that see anything in the scene.
     pub fn seen_by(&self) -> u32 {
-        self.states.seen_by
+        self.states.seen_by & self.mask
     }
 
     /// The tree over its members, if it has more than one, and the frame of the boxes there.
@@ -171,7 +177,7 @@ impl<'a> Frame<'a> {
                 Member::Placed(number) => return Some(Fork::Placed(self.first + u64::from(number))),
                 Member::Scene(it) => self = self.inside(it),
             }
-            if !scenes.has(self.states.seen_by) {
+            if !scenes.has(self.seen_by()) {
                 return None;
             }
             child = self.scene.placement.top.root()?;
@@ -181,7 +187,7 @@ impl<'a> Frame<'a> {
     /// Where its root leads to; `None`: there is nothing in it.
     #[inline]
     pub fn root(self, scenes: Scenes) -> Option<Fork<'a>> {
-        if !scenes.has(self.states.seen_by) {
+        if !scenes.has(self.seen_by()) {
             return None;
         }
         self.fork(self.scene.placement.top.root()?, scenes)

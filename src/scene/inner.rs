@@ -4,6 +4,7 @@ use super::array::Array;
 use super::measures::{Factors, Measures};
 use super::placement::PlacedIds;
 use super::state::SceneState;
+use super::tints::{NO_TINT, Tint};
 use crate::base::error::Result;
 use crate::base::memory::room;
 use glam::DAffine3;
@@ -48,6 +49,24 @@ impl Inner<'_> {
         match self.map {
             Map::Stored(map) => *map,
             Map::Member(array, member) => array.transform(member),
+        }
+    }
+
+    /// The mask of a member, without that of all in its array.
+    #[inline]
+    pub fn mask(&self) -> u32 {
+        match self.map {
+            Map::Stored(_) => u32::MAX,
+            Map::Member(array, member) => array.mask(member),
+        }
+    }
+
+    /// The tint of a member.
+    #[inline]
+    pub fn tint(&self) -> Tint {
+        match self.map {
+            Map::Stored(_) => NO_TINT,
+            Map::Member(array, member) => array.tint(member),
         }
     }
 

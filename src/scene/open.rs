@@ -14,13 +14,15 @@ use super::placed::Placed;
 use super::placement::Placement;
 use super::save::folder_of;
 use super::state::{SceneState, States};
+use super::tints::NO_TINT;
 use crate::base::bytes::ByteReader;
 use crate::base::error::{Error, Result};
 use crate::base::inside_read::refuse_inside_read;
 use crate::base::memory::room;
 use crate::residency::{Kept, Residency, UNCOUNTED};
 use crate::store::scene_file::{
-    ArrayRow, LightRow, ModelFileRow, SceneFileRow, SceneHeader, SceneReader, SceneRow, SingleRow, StateRow, check_path,
+    ArrayRow, LightRow, ModelFileRow, PLAIN_VERSION, SceneFileRow, SceneHeader, SceneReader, SceneRow, SingleRow,
+    StateRow, check_path,
 };
 use crate::store::{FileSource, Outline, Source};
 use glam::{DAffine3, DVec3};
@@ -74,8 +76,10 @@ struct ReadArray {
     prototypes: Vec<u32>,
     prototype_of: Arc<[u32]>,
     transforms: Transforms,
+    masks: Option<Arc<[u32]>>,
+    tints: Option<Arc<[[u8; 4]]>>,
     states: Vec<StateRow>,
-    /// For the transforms and the indices.
+    /// For the transforms, the indices, the masks and the tints.
     memory: Kept,
 }
 
@@ -104,7 +108,9 @@ impl Scene {
         let source: Arc<dyn Source> = Arc::new(FileSource::open(path)?);
         let (mut reader, header) = SceneReader::open(source)?;
         let residency = context.residency();
-        let mut reading = Reading { reader: &mut reader, residency, charged: 0, uncounted: 0 };
+        let is_plain = header.version == PLAIN_VERSION;
+        let mut reading =
+            Reading { reader: &mut reader, residency, is_plain, has_lists: false, charged: 0, uncounted: 0 };
         let content = reading.content(header);
         let (content, error) = content.map_or_else(|error| (None, Some(error)), |content| (Some(content), None));
         reader.finish(error)?;
@@ -118,6 +124,10 @@ impl Scene {
 struct Reading<'a> {
     reader: &'a mut SceneReader,
     residency: &'a Residency,
+    /// True for a file without masks and tints of members.
+    is_plain: bool,
+    /// True if an array so far has masks or tints of its members.
+    has_lists: bool,
     /// Bytes of the tables so far, and of what is in memory as long as the scene.
     charged: u64,
     /// Bytes that stay and that nothing else counts: little memory of a scene or an array is not counted, but a file
@@ -174,6 +184,7 @@ impl Reading<'_> {
         is_used.1[header.scenes as usize - 1] = true;
         let unused = |all: &[bool]| all.iter().position(|is_used| !is_used);
         let why = match (unused(&is_used.0), unused(&is_used.1)) {
+            _ if !self.is_plain && !self.has_lists => "no array has masks or tints, as files of format 0.2 have".into(),
             (Some(model), _) => format!("the model {} is used nowhere", models[model].path),
             (_, Some(scene)) => in_scene(scene, "it is used nowhere"),
             _ => return Ok(Content { header, lights, models, scenes, memory, uncounted: self.uncounted }),
@@ -273,6 +284,10 @@ impl Reading<'_> {
     fn array(&mut self, memory: &mut Kept) -> Result<ReadArray> {
         let at = self.reader.offset();
         let row: ArrayRow = self.reader.row()?;
+        if self.is_plain && (row.has_masks || row.has_tints) {
+            return Err(self.reader.corrupt_at(at, "masks or tints in a file of format 0.1"));
+        }
+        self.has_lists |= row.has_masks || row.has_tints;
         let (members, len) = (row.members as usize, row.transform_len());
         self.claim(row.prototypes, 4, 64, "prototypes", memory)?;
         let mut prototypes = room(row.prototypes as usize, WHAT)?;
@@ -283,7 +298,9 @@ impl Reading<'_> {
         self.reader.claim(indices as u64, 4, "indices of prototypes")?;
         self.reader.claim(members as u64, len, "transforms")?;
         let in_memory = if row.form == 0 { 96 } else { 48 };
-        let bytes = members as u64 * in_memory + indices as u64 * 4;
+        let lists = 4 * (u64::from(row.has_masks) + u64::from(row.has_tints));
+        self.reader.claim(members as u64, lists as usize, "masks and tints")?;
+        let bytes = members as u64 * (in_memory + lists) + indices as u64 * 4;
         let of_array = self.residency.keep("an array of instances", bytes)?;
         let small = [bytes, members as u64 * MEMBER, u64::from(row.states) * OWN as u64];
         self.charge(ARRAY + small.into_iter().filter(|bytes| *bytes <= UNCOUNTED).sum::<u64>(), memory)?;
@@ -302,8 +319,19 @@ impl Reading<'_> {
             })?),
         };
         self.reader.pad()?;
+        let masks = if row.has_masks { Some(self.all(members, 4, |r| r.u32().unwrap_or_default())?) } else { None };
+        let tint = |r: &mut ByteReader| r.u32().unwrap_or_default().to_le_bytes();
+        let tints = if row.has_tints { Some(self.all(members, 4, tint)?) } else { None };
+        self.reader.pad()?;
+        let are_plain = |it: &Arc<[u32]>| it.iter().all(|mask| *mask == u32::MAX);
+        if masks.as_ref().is_some_and(are_plain) {
+            return Err(self.reader.corrupt_at(at, "no member has a mask of its own"));
+        }
+        if tints.as_ref().is_some_and(|it: &Arc<[_]>| it.iter().all(|tint| *tint == NO_TINT)) {
+            return Err(self.reader.corrupt_at(at, "no member has a tint"));
+        }
         let states = self.states(row.states, row.members, memory)?;
-        Ok(ReadArray { at, row, prototypes, prototype_of, transforms, states, memory: of_array })
+        Ok(ReadArray { at, row, prototypes, prototype_of, transforms, masks, tints, states, memory: of_array })
     }
 
     fn number(&mut self) -> Result<u32> {
@@ -502,12 +530,15 @@ impl Opening<'_> {
         prototypes: Vec<P>,
         draft: &Draft,
     ) -> Result<DraftArray<P>> {
-        let ReadArray { at, row, prototype_of, transforms, states, memory, .. } = it;
+        let ReadArray { at, row, prototype_of, transforms, masks, tints, states, mut memory, .. } = it;
         let (first_id, mask) = (row.first_id, row.mask);
-        let given = Instances { prototypes: of(prototypes.clone()), prototype_of, transforms, first_id, mask };
-        // The array charges its own.
-        drop(memory);
+        let lists = [masks.as_ref().map(|it| it.len()), tints.as_ref().map(|it| it.len())];
+        let prototypes_of = of(prototypes.clone());
+        let given = Instances { prototypes: prototypes_of, prototype_of, transforms, first_id, mask, masks, tints };
+        // The array charges its own. It copies masks and tints.
+        memory.shrink_to(4 * lists.into_iter().flatten().sum::<usize>() as u64);
         let array = Array::new(&given, self.context.residency());
+        drop(memory);
         let array = array.map_err(|error| match error {
             Error::BadArgument(why) => Error::BadArgument(format!("the array at byte {at}: {why}")),
             other => other,

@@ -139,6 +139,11 @@ impl PlacedArray {
         Of { member, nth: at - self.starts[member as usize] }
     }
 
+    /// The member that a placed tree is of.
+    pub fn member_of(&self, number: u32) -> u32 {
+        self.of(number).member
+    }
+
     /// The prototype of a placed tree, and the index of the tree there.
     pub fn prototype_and_tree(&self, number: u32) -> (u32, u32) {
         let Of { member, nth } = self.of(number);
@@ -253,6 +258,11 @@ impl Placement {
     /// True if there is nothing but single instances and arrays of models.
     pub(super) fn has_no_scenes(&self) -> bool {
         self.scenes.is_empty() && self.scene_arrays.is_empty()
+    }
+
+    /// The arrays of models, then those of scenes.
+    pub(super) fn own_arrays(&self) -> impl Iterator<Item = &Array> {
+        self.arrays.iter().map(|it| &*it.array).chain(self.scene_arrays.iter().map(|it| &*it.array))
     }
 
     /// The single scenes in this one, then the prototypes of arrays.

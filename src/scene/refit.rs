@@ -31,7 +31,7 @@ impl Scene {
             changed: Arc::default(),
             ..Placement::clone(before)
         };
-        let mut moves = Vec::with_capacity(shifted.len());
+        let (mut moves, has_cells) = (Vec::with_capacity(shifted.len()), before.top.has_cells());
         let mut bounds = before.bounds.get().copied().filter(|_| before.has_no_scenes());
         for (at, member) in shifted {
             let at = match at {
@@ -48,9 +48,18 @@ impl Scene {
                     continue;
                 }
             };
-            let array = &mut after.arrays[at];
+            let (array, was) = (&mut after.arrays[at], &before.arrays[at]);
             array.array = Arc::clone(&draft.arrays[at].array);
-            let linear = array.array.transform(member).matrix3;
+            let [old, new] = [&was.array, &array.array].map(|it| it.transform(member));
+            if new == old {
+                // Cells above it may show something else.
+                if has_cells && !array.array.shows_as(&was.array, member) {
+                    let bounds = |number| hit_bounds(&was.placed(number, &state.models), &state.models);
+                    moves.extend(array.numbers_of(member).map(|number| (number, [bounds(number); 2])));
+                }
+                continue;
+            }
+            let linear = new.matrix3;
             for number in array.numbers_of(member) {
                 if !array.measures.is_empty() {
                     let place = array.place_of(number);
@@ -63,6 +72,10 @@ impl Scene {
                 // Where it was at the edge, the rest may end earlier.
                 bounds = bounds.filter(|all| is_inside(&old.bounds, all)).map(|all| all.union(new.bounds));
             }
+        }
+        if moves.is_empty() {
+            after.changed = Arc::clone(&before.changed);
+            return Ok(Some(after));
         }
         let Some(top) = before.top.moved(&moves, after.position_error) else { return Ok(None) };
         let copies = after.arrays.iter().zip(&before.arrays);

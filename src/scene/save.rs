@@ -12,8 +12,8 @@ use crate::base::inputs::{Identity, Inputs};
 use crate::base::inside_read::refuse_inside_read;
 use crate::residency::ModelBlocks;
 use crate::store::scene_file::{
-    ArrayRow, LightRow, MOST_LIGHTS, MOST_PATH, ModelFileRow, SCENE_FOOTER_LEN, SCENE_HEADER_LEN, SceneFileRow,
-    SceneHeader, SceneRow, SceneWriter, SingleRow, StateRow, check_path, padding,
+    ArrayRow, LightRow, MOST_LIGHTS, MOST_PATH, ModelFileRow, PLAIN_VERSION, SCENE_FOOTER_LEN, SCENE_HEADER_LEN,
+    SCENE_VERSION, SceneFileRow, SceneHeader, SceneRow, SceneWriter, SingleRow, StateRow, check_path, padding,
 };
 use crate::store::{FileSource, Outline};
 use std::collections::HashMap;
@@ -88,7 +88,9 @@ fn save(state: &SceneState, path: &Path) -> Result<u64> {
             "the scene has more than {MOST_LIGHTS} lights, which a scene file does not hold"
         )));
     }
+    let has_lists = |state: &&SceneState| state.placement.own_arrays().any(|it| it.has_masks() || it.has_tints());
     let header = SceneHeader {
+        version: if saving.scenes.iter().any(has_lists) { SCENE_VERSION } else { PLAIN_VERSION },
         models: count(saving.models.len())?,
         scenes: count(saving.scenes.len())?,
         lights: count(state.lights.len())?,
@@ -233,6 +235,14 @@ impl<'a> Saving<'a> {
             }
         }
         to.pad()?;
+        let members = 0..it.array.len();
+        if it.array.has_masks() {
+            members.clone().try_for_each(|member| to.put(|out| out.put_u32(it.array.mask(member))))?;
+        }
+        if it.array.has_tints() {
+            members.clone().try_for_each(|member| to.put(|out| out.put_bytes(&it.array.tint(member))))?;
+        }
+        to.pad()?;
         it.own.iter().try_for_each(|it| to.row(&state_row(it)))
     }
 }
@@ -264,6 +274,8 @@ impl Saved<'_> {
             first_id: self.array.first_id,
             prototypes: self.prototypes.len() as u32,
             has_indices: !self.array.indices().is_empty(),
+            has_masks: self.array.has_masks(),
+            has_tints: self.array.has_tints(),
             mask: self.mask,
             states: self.own.len() as u32,
         }
@@ -271,9 +283,12 @@ impl Saved<'_> {
 
     fn bytes(&self) -> u64 {
         let indices = 4 * (self.prototypes.len() + self.array.indices().len()) as u64;
-        let transforms = self.row().transform_len() as u64 * u64::from(self.array.len());
+        let (row, members) = (self.row(), u64::from(self.array.len()));
+        let transforms = row.transform_len() as u64 * members;
+        let lists = 4 * members * (u64::from(row.has_masks) + u64::from(row.has_tints));
         let states = (self.own.len() * StateRow::LEN) as u64;
-        ArrayRow::LEN as u64 + indices + padding(indices) + transforms + padding(transforms) + states
+        let padded = [indices, transforms, lists].map(|bytes| bytes + padding(bytes));
+        ArrayRow::LEN as u64 + padded.iter().sum::<u64>() + states
     }
 }
 

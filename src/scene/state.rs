@@ -174,55 +174,59 @@ impl States {
         self.seen_by = self.scenes.iter().chain(of_arrays).fold(own, |all, it| all | it.seen_by);
     }
 
-    /// The ids of a placed tree, and the state of its instance.
-    fn with_ids(&self, placement: &Placement, number: u64) -> (PlacedIds, &InstanceState) {
+    /// See [`Stand`].
+    fn stand(&self, placement: &Placement, number: u64) -> Stand<'_> {
         if let Some(placed) = placement.single(number) {
-            return (**placed, &self.singles[placed.instance as usize]);
+            return Stand { number, ids: **placed, state: &self.singles[placed.instance as usize], mask: u32::MAX };
         }
-        let (ids, state) = match placement.holder_of(number) {
+        let stand = match placement.holder_of(number) {
             Holder::Array(array) => {
                 let ids = array.ids_of(number as u32);
-                (ids, self.of_member(placement, array, ids.instance))
+                self.of_member(placement, array, number, ids)
             }
             Holder::Scene(it) => {
-                let (inner, state) = self.in_scene(placement, &it).with_ids(&it.scene.placement, number - it.first);
-                (it.outer(inner), state)
+                let inner = self.in_scene(placement, &it).stand(&it.scene.placement, number - it.first);
+                Stand { number, ids: it.outer(inner.ids), mask: inner.mask & it.mask(), ..inner }
             }
         };
-        match self.occurrences.is_empty() {
-            true => (ids, state),
-            false => (ids, self.occurrences.get(&ids.instance).unwrap_or(state)),
-        }
+        self.of_occurrence(stand)
     }
 
-    /// [`States::with_ids`], also the place of the mesh, for a placed tree that is of no single instance.
-    fn with_mesh(&self, placement: &Placement, number: u64) -> (PlacedMesh, &InstanceState) {
+    /// [`States::stand`], also the place of the mesh, for a placed tree that is of no single instance.
+    fn with_mesh(&self, placement: &Placement, number: u64) -> (PlacedMesh, Stand<'_>) {
         if let Some(placed) = placement.single(number) {
             let mesh = PlacedMesh { ids: **placed, world_from_mesh: placed.world_from_mesh(), measures: None };
-            return (mesh, &self.singles[placed.instance as usize]);
+            return (mesh, self.stand(placement, number));
         }
-        let (mesh, state) = match placement.holder_of(number) {
+        let (mesh, stand) = match placement.holder_of(number) {
             Holder::Array(array) => {
                 let mesh = array.mesh(number as u32);
-                (mesh, self.of_member(placement, array, mesh.ids.instance))
+                (mesh, self.of_member(placement, array, number, mesh.ids))
             }
             Holder::Scene(it) => {
-                let (inner, state) = self.in_scene(placement, &it).with_mesh(&it.scene.placement, number - it.first);
-                let world_from_mesh = it.world_from_scene() * inner.world_from_mesh;
-                (PlacedMesh { ids: it.outer(inner.ids), world_from_mesh, measures: None }, state)
+                let (inner, stand) = self.in_scene(placement, &it).with_mesh(&it.scene.placement, number - it.first);
+                let (ids, world_from_mesh) = (it.outer(inner.ids), it.world_from_scene() * inner.world_from_mesh);
+                let mesh = PlacedMesh { ids, world_from_mesh, measures: None };
+                (mesh, Stand { number, ids, mask: stand.mask & it.mask(), ..stand })
             }
         };
+        (mesh, self.of_occurrence(stand))
+    }
+
+    /// With the look of a single occurrence, if it has one.
+    fn of_occurrence<'a>(&'a self, stand: Stand<'a>) -> Stand<'a> {
         match self.occurrences.is_empty() {
-            true => (mesh, state),
-            false => (mesh, self.occurrences.get(&mesh.ids.instance).unwrap_or(state)),
+            true => stand,
+            false => Stand { state: self.occurrences.get(&stand.ids.instance).unwrap_or(stand.state), ..stand },
         }
     }
 
-    /// The state of a member of an array.
-    fn of_member(&self, placement: &Placement, array: &PlacedArray, instance: u64) -> &InstanceState {
-        let states = &self.arrays[placement.array_with(instance)];
-        let member = (instance - u64::from(array.first_instance)) as u32;
-        states.own.get(&member).unwrap_or(&states.common)
+    /// That of a placed tree of an array.
+    fn of_member(&self, placement: &Placement, array: &PlacedArray, number: u64, ids: PlacedIds) -> Stand<'_> {
+        let states = &self.arrays[placement.array_with(ids.instance)];
+        let member = (ids.instance - u64::from(array.first_instance)) as u32;
+        let state = states.own.get(&member).unwrap_or(&states.common);
+        Stand { number, ids, state, mask: array.array.mask(member) }
     }
 
     /// The states of what is in a scene in this one.
@@ -262,6 +266,8 @@ pub(crate) struct Stand<'a> {
     pub number: u64,
     pub ids: PlacedIds,
     pub state: &'a InstanceState,
+    /// The masks of members of arrays that it is of, together.
+    mask: u32,
 }
 
 /// Boxes may reach beyond bounds by this fraction of their greatest extent.
@@ -283,9 +289,18 @@ pub struct SceneState {
     pub(crate) see_through: bool,
     /// True if parts are hidden.
     pub(crate) hides_parts: bool,
+    /// True if members of arrays have tints, here or in scenes in it.
+    pub(super) has_tints: bool,
     pub(crate) lights: Vec<Light>,
     pub(crate) background: Background,
     pub(crate) _memory: Kept,
+}
+
+impl Stand<'_> {
+    /// True if it shows all as it is in the file.
+    pub fn is_plain(&self) -> bool {
+        self.mask == u32::MAX && self.state.is_plain()
+    }
 }
 
 impl SceneState {
@@ -314,8 +329,8 @@ impl SceneState {
         if let Some(placed) = self.placement.single(number) {
             return (self.stand(number), Cow::Borrowed(placed));
         }
-        let (mesh, state) = self.states.with_mesh(&self.placement, number);
-        (Stand { number, ids: mesh.ids, state }, Cow::Owned(mesh.placed(&self.models)))
+        let (mesh, stand) = self.states.with_mesh(&self.placement, number);
+        (stand, Cow::Owned(mesh.placed(&self.models)))
     }
 
     /// See [`PlacedIds`].
@@ -457,8 +472,7 @@ impl SceneState {
     /// See [`Stand`].
     #[inline]
     pub(crate) fn stand(&self, number: u64) -> Stand<'_> {
-        let (ids, state) = self.states.with_ids(&self.placement, number);
-        Stand { number, ids, state }
+        self.states.stand(&self.placement, number)
     }
 
     /// The blocks of a placed tree that walks pass by, if parts are hidden there.
@@ -487,7 +501,7 @@ impl SceneState {
     pub(super) fn seen_at(&self, stand: &Stand) -> u32 {
         // A tree of hidden parts alone is not entered.
         let is_hidden = self.shown_at(stand).is_some_and(|shown| shown.lacks(shown.first_block));
-        if stand.state.look.visible && !is_hidden { stand.state.mask } else { 0 }
+        if stand.state.look.visible && !is_hidden { stand.state.mask & stand.mask } else { 0 }
     }
 
     /// Bytes of its models' blocks in memory.

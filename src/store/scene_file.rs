@@ -15,8 +15,10 @@ use xxhash_rust::xxh3::{Xxh3, xxh3_64};
 
 /// The first eight bytes of a scene file: those of a model file with another third letter.
 pub const SCENE_MAGIC: [u8; 8] = *b"\x8fOCS\r\n\x1a\n";
-/// The format version, major and minor, that the library writes and reads.
-pub const SCENE_VERSION: (u16, u16) = (0, 1);
+/// The newest format version, major and minor, that the library reads. It writes it where an array has masks or tints.
+pub const SCENE_VERSION: (u16, u16) = (0, 2);
+/// The version of files without masks and tints of members, which the library writes and reads too.
+pub const PLAIN_VERSION: (u16, u16) = (0, 1);
 /// Number of bytes of the header.
 pub const SCENE_HEADER_LEN: usize = 96;
 /// Number of bytes behind the last scene: the checksum of all before it.
@@ -63,6 +65,8 @@ pub trait SceneFileRow: Sized {
 /// The header.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SceneHeader {
+    /// The format version.
+    pub version: (u16, u16),
     /// Number of models.
     pub models: u32,
     /// Number of scenes, at least 1. The last one is the scene that was saved.
@@ -79,8 +83,8 @@ impl SceneHeader {
     fn encode(&self, file_len: u64) -> Vec<u8> {
         let mut out = Vec::with_capacity(SCENE_HEADER_LEN);
         out.put_bytes(&SCENE_MAGIC);
-        out.put_u16(SCENE_VERSION.0);
-        out.put_u16(SCENE_VERSION.1);
+        out.put_u16(self.version.0);
+        out.put_u16(self.version.1);
         out.put_u32(SCENE_HEADER_LEN as u32);
         out.put_u64(file_len);
         out.put_u32(self.models);
@@ -94,10 +98,11 @@ impl SceneHeader {
         out
     }
 
-    /// Reads the header and the number of bytes of the file, behind the version.
+    /// Reads the header and the number of bytes of the file.
     fn decode(bytes: &[u8; SCENE_HEADER_LEN]) -> Checked<(Self, u64)> {
         let mut r = ByteReader::new(bytes);
-        r.take(SCENE_MAGIC.len() + 4)?;
+        r.take(SCENE_MAGIC.len())?;
+        let version = (r.u16()?, r.u16()?);
         ensure(r.u32()? as usize == SCENE_HEADER_LEN, "the header has a wrong size")?;
         let file_len = r.u64()?;
         let (models, scenes, lights, background) = (r.u32()?, r.u32()?, r.u32()?, r.u32()?);
@@ -108,7 +113,7 @@ impl SceneHeader {
         ensure(lights <= MOST_LIGHTS, "more than 65536 lights")?;
         ensure(background <= 1, "unknown kind of background")?;
         ensure(background == 1 || colours[4..].iter().all(|x| x.to_bits() == 0), "unused colours are not zero")?;
-        Ok((Self { models, scenes, lights, background, colours }, file_len))
+        Ok((Self { version, models, scenes, lights, background, colours }, file_len))
     }
 }
 
@@ -297,6 +302,10 @@ pub struct ArrayRow {
     pub prototypes: u32,
     /// True if each member has an index of a prototype; otherwise all are of the first.
     pub has_indices: bool,
+    /// True if each member has a mask of its own.
+    pub has_masks: bool,
+    /// True if each member has a tint.
+    pub has_tints: bool,
     /// The mask of members without a state.
     pub mask: u32,
     /// Number of states.
@@ -320,7 +329,8 @@ impl SceneFileRow for ArrayRow {
         out.put_u32(self.members);
         out.put_u64(self.first_id);
         out.put_u32(self.prototypes);
-        out.put_u32(self.has_indices.into());
+        let flags = [self.has_indices, self.has_masks, self.has_tints];
+        out.put_u32((0..).zip(flags).map(|(bit, is_set)| u32::from(is_set) << bit).sum());
         out.put_u32(self.mask);
         out.put_u32(self.states);
     }
@@ -328,10 +338,11 @@ impl SceneFileRow for ArrayRow {
         let (form, members, first_id, prototypes) = (r.u32()?, r.u32()?, r.u64()?, r.u32()?);
         let (flags, mask, states) = (r.u32()?, r.u32()?, r.u32()?);
         ensure((form as usize) < Self::FORMS.len(), "unknown form of transforms")?;
-        ensure(flags <= 1, "unknown flags of an array")?;
+        ensure(flags < 8, "unknown flags of an array")?;
         ensure((1..1 << 31).contains(&members), "an array must have from 1 to 2^31 - 1 members")?;
         ensure(prototypes > 0, "an array has no prototype")?;
-        Ok(Self { form, members, first_id, prototypes, has_indices: flags == 1, mask, states })
+        let [has_indices, has_masks, has_tints] = [0, 1, 2].map(|bit| flags >> bit & 1 == 1);
+        Ok(Self { form, members, first_id, prototypes, has_indices, has_masks, has_tints, mask, states })
     }
 }
 
@@ -423,7 +434,7 @@ impl SceneReader {
             return Err(Error::NewerFormat { file: name, found: version, supported: SCENE_VERSION });
         }
         ensure(there == SCENE_HEADER_LEN, "truncated: shorter than its header").map_err(fail)?;
-        let is_known = version == SCENE_VERSION;
+        let is_known = version == SCENE_VERSION || version == PLAIN_VERSION;
         ensure(is_known, "written in an early format that is no longer supported").map_err(fail)?;
         let (header, file_len) = SceneHeader::decode(&head).map_err(fail)?;
         if file_len != len {
@@ -580,7 +591,9 @@ mod tests {
         let colour = Some([1.0, 0.5, 0.25, 0.0]);
         check(StateRow { index: 3, mask: 6, visible: false, selected: true, colour });
         check(StateRow { index: 3, mask: 6, visible: true, selected: false, colour: None });
-        let array = ArrayRow { form: 2, members: 5, first_id: 9, prototypes: 2, has_indices: true, mask: 1, states: 3 };
-        check(array);
+        for (has_indices, has_masks, has_tints) in [(true, false, false), (false, true, false), (false, false, true)] {
+            let (members, first_id, prototypes, mask, states) = (5, 9, 2, 1, 3);
+            check(ArrayRow { form: 2, members, first_id, prototypes, has_indices, has_masks, has_tints, mask, states });
+        }
     }
 }

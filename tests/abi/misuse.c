@@ -1027,6 +1027,7 @@ static oc_scene *scenes(oc_context *c) {
     const oc_place place = {{1, 2, 3}, {0, 0, 0, 1}, 1, 0}, no_scale = {{1, 2, 3}, {0, 0, 0, 1}, 0, 0},
                    reserved = {{1, 2, 3}, {0, 0, 0, 1}, 1, 1};
     const uint32_t zero_one[2] = {0, 1};
+    const uint8_t four_tints[4 * 4] = {255, 0, 0, 255, 0, 255, 0, 255, 0, 0, 255, 128, 1, 2, 3, 4};
     OC_INIT(&many);
     INVALID(oc_scene_add_instances(s0, &many)); /* none */
     many.prototypes = prototypes, many.prototype_count = 1;
@@ -1054,6 +1055,11 @@ static oc_scene *scenes(oc_context *c) {
     WRONG(first_id, OC_NO_ID - 1);
     WRONG(reserved, 1);
     WRONG(scene_count, 1); /* models too */
+    many.masks = zero_one, many.tints = four_tints;
+    WRONG(mask_stride, 3);
+    WRONG(mask_stride, UINT64_MAX);
+    WRONG(tint_stride, 3);
+    WRONG(tint_stride, UINT64_MAX);
 #undef WRONG
     {
         const oc_scene *scenes[2] = {s0, NULL};
@@ -1100,6 +1106,22 @@ static oc_scene *scenes(oc_context *c) {
     OK(oc_scene_set_transforms(s0, 10, OC_TRANSFORM_AFFINE_F64, places, 2, 0));
     OK(oc_scene_set_transforms(s0, 10, OC_TRANSFORM_AFFINE_F64, NULL, 0, 0));
     OK(oc_scene_set_transforms(s0, 20, OC_TRANSFORM_PLACE, &place, 1, sizeof place));
+    INVALID(oc_scene_set_masks(NULL, 10, zero_one, 2, 0));
+    INVALID(oc_scene_set_masks(s0, 1, zero_one, 1, 0)); /* of no array */
+    INVALID(oc_scene_set_masks(s0, 11, zero_one, 2, 0)); /* only one from there on */
+    INVALID(oc_scene_set_masks(s0, 10, NULL, 2, 0));
+    INVALID(oc_scene_set_masks(s0, 10, zero_one, UINT64_MAX, 0));
+    INVALID(oc_scene_set_masks(s0, 10, zero_one, 2, 3));
+    OK(oc_scene_set_masks(s0, 10, zero_one, 2, 0));
+    OK(oc_scene_set_masks(s0, 10, NULL, 0, 0));
+    INVALID(oc_scene_set_tints(NULL, 10, four_tints, 2, 0));
+    INVALID(oc_scene_set_tints(s0, 1, four_tints, 1, 0)); /* of no array */
+    INVALID(oc_scene_set_tints(s0, 11, four_tints, 2, 0)); /* only one from there on */
+    INVALID(oc_scene_set_tints(s0, 10, NULL, 2, 0));
+    INVALID(oc_scene_set_tints(s0, 10, four_tints, UINT64_MAX, 0));
+    INVALID(oc_scene_set_tints(s0, 10, four_tints, 2, 3));
+    OK(oc_scene_set_tints(s0, 10, four_tints, 2, 8));
+    OK(oc_scene_set_tints(s0, 10, NULL, 0, 0));
     INVALID(oc_scene_remove_instances(NULL, 10));
     INVALID(oc_scene_remove_instances(s0, 11));
     OK(oc_scene_remove_instances(s0, 10));

@@ -43,6 +43,8 @@ fn forest(dir: &Path) {
         transforms,
         first_id: 10,
         mask: u32::MAX,
+        masks: None,
+        tints: None,
     };
     tile.add_instances(&array(vec![model.clone()].into(), places(4, wide))).unwrap();
     tile.add_instance(&model, 1, DAffine3::from_translation(DVec3::X * 2.0 * wide)).unwrap();

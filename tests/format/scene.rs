@@ -111,13 +111,17 @@ fn rows_of_scene_files() {
         ("members", le!(3u32)),
         ("id of the first member", le!(20u64)),
         ("prototypes", le!(1u32)),
-        ("flags: bit 0 members have indices", le!(0u32)),
+        ("flags: bit 0 members have indices", le!(6u32)),
         ("mask", le!(u32::MAX)),
         ("states", le!(1u32)),
     ];
     check_row("### Scene file: array", &at(array, ArrayRow::LEN), &places);
-    // One prototype and four zeros, three places of 44 bytes and four zeros, a state.
-    let outer = array + ArrayRow::LEN + 8 + 136 + StateRow::LEN;
+    // One prototype and four zeros, three places of 44 bytes and four zeros, masks and tints, a state.
+    let lists = array + ArrayRow::LEN + 8 + 136;
+    let masks = le!(1u32, u32::MAX, u32::MAX);
+    assert_eq!(at(lists, 12), masks);
+    assert_eq!(at(lists + 12, 12), [255, 255, 255, 255, 255, 128, 0, 255, 255, 255, 255, 255]);
+    let outer = lists + 24 + StateRow::LEN;
     check_row("### Scene file: scene", &at(outer, SceneRow::LEN), &rows([0, 0, 1, 1, 1, 1]));
     assert_eq!(at(bytes.len() - SCENE_FOOTER_LEN, SCENE_FOOTER_LEN), hash(&bytes[..bytes.len() - SCENE_FOOTER_LEN]));
 }

@@ -148,7 +148,8 @@ pub fn described(looks: &[(Appearance, Vec3)], members: &[Member], is_described:
     let boxes = members.iter().enumerate().map(|(i, it)| (number(i), it.bounds));
     let look = |number: u32| {
         let it = &members[index(number)];
-        let look = MemberLook { appearance: &looks[it.model].0, map: it.map, stretch: stretch(&it.map) };
+        let (appearance, tint) = (&looks[it.model].0, Vec3::ONE);
+        let look = MemberLook { appearance, map: it.map, stretch: stretch(&it.map), tint };
         is_described(index(number)).then_some(look)
     };
     Members::build_described(boxes, MAX_COORD, look).expect("a tree")

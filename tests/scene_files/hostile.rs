@@ -1,6 +1,6 @@
 //! Damaged scene files, and files that are wrong under right checksums.
 
-use super::{Folder, golden, sealed, why};
+use super::{Folder, GOLDEN, golden, sealed, why};
 use crate::common::built;
 use crate::common::rng::Rng;
 use glam::DAffine3;
@@ -22,16 +22,19 @@ fn open(context: &Context, path: &Path, bytes: &[u8]) -> Result<Scene, Error> {
 #[test]
 fn every_damage_is_found() {
     let (folder, context) = (Folder::new(), context());
-    let (path, good) = (folder.at("scene.oc"), golden(&folder));
-    open(&context, &path, &good).expect("a scene");
+    GOLDEN.iter().for_each(|(name, _)| find_every_damage(&context, &folder.at("scene.oc"), &golden(&folder, name)));
+}
+
+fn find_every_damage(context: &Context, path: &Path, good: &[u8]) {
+    open(context, path, good).expect("a scene");
     let check = |bytes: &[u8], what: &str| {
-        let error = open(&context, &path, bytes).err().unwrap_or_else(|| panic!("{what} was opened"));
+        let error = open(context, path, bytes).err().unwrap_or_else(|| panic!("{what} was opened"));
         let is_known = matches!(error, Error::Corrupt { .. } | Error::NewerFormat { .. });
         assert!(is_known && error.to_string().contains("scene.oc"), "{what}: {error}");
     };
     for at in 0..good.len() {
         for change in [0x01, 0x80, 0xff] {
-            let mut bytes = good.clone();
+            let mut bytes = good.to_vec();
             bytes[at] ^= change;
             check(&bytes, &format!("byte {at} ^ {change}"));
         }
@@ -39,7 +42,7 @@ fn every_damage_is_found() {
     for len in 0..good.len() {
         check(&good[..len], &format!("{len} bytes"));
     }
-    check(&[&good[..], &[0]].concat(), "one byte more");
+    check(&[good, &[0]].concat(), "one byte more");
     assert_eq!(context.memory_used(), 0);
 }
 
@@ -48,7 +51,7 @@ fn every_damage_is_found() {
 #[test]
 fn wrong_values_under_right_checksums_end_in_an_error_or_a_scene() {
     let (folder, context) = (Folder::new(), context());
-    let (path, good) = (folder.at("scene.oc"), golden(&folder));
+    let (path, good) = (folder.at("scene.oc"), golden(&folder, GOLDEN[1].0));
     let (mut opened, mut refused) = (0, 0);
     for at in 0..good.len() {
         for value in [0, 1, 0x7f, 0x80, 0xff] {
@@ -76,7 +79,7 @@ fn wrong_values_under_right_checksums_end_in_an_error_or_a_scene() {
 #[test]
 fn any_file_under_right_checksums_ends_in_an_error_or_a_scene() {
     let (folder, context) = (Folder::new(), context());
-    let (path, good, mut rng) = (folder.at("scene.oc"), golden(&folder), Rng::new(11));
+    let (path, good, mut rng) = (folder.at("scene.oc"), golden(&folder, GOLDEN[1].0), Rng::new(11));
     let mut opened = 0;
     for _ in 0..2500 {
         let mut bytes = good.clone();
@@ -120,16 +123,21 @@ const INNER: usize = MODEL + 24 + 8;
 const SINGLES: usize = INNER + 24;
 const PLACES: usize = SINGLES + 2 * 112 + 32;
 const TRANSFORMS: usize = PLACES + 32 + 8;
-const OUTER: usize = TRANSFORMS + 136 + 32;
+const LISTS: usize = TRANSFORMS + 136;
+const OUTER: usize = LISTS + 24 + 32;
 const SCENES: usize = OUTER + 24;
 
 /// Each wrong value is named, with its place.
 #[test]
 fn errors_name_the_place() {
     let (folder, context) = (Folder::new(), context());
-    let (path, good) = (folder.at("scene.oc"), golden(&folder));
+    let (path, good) = (folder.at("scene.oc"), golden(&folder, GOLDEN[1].0));
     let u32s = |value: u32| value.to_le_bytes().to_vec();
     let array = format!("array at byte {PLACES}");
+    let of_lists = format!("byte {PLACES}");
+    let of_masks: &[&str] = &[&of_lists, "no member has a mask of its own"];
+    let of_tints: &[&str] = &[&of_lists, "no member has a tint"];
+    let of_plain: &[&str] = &[&of_lists, "masks or tints in a file of format 0.1"];
     let of_array: &[&str] = &["scene 0", &array, "instance 0"];
     let cases: Vec<(usize, Vec<u8>, &[&str])> = vec![
         (24, u32s(1 << 30), &["1073741824 models"]),
@@ -137,7 +145,8 @@ fn errors_name_the_place() {
         (28, u32s(1 << 31), &["2147483648 scenes"]),
         (32, u32s(1 << 16), &["65536 lights"]),
         (32, u32s(1 << 17), &["more than 65536 lights"]),
-        (10, vec![2], &["format 0.2", "0.1"]),
+        (10, vec![3], &["format 0.3", "0.2"]),
+        (10, vec![1], of_plain),
         (96 + 8, f32::NAN.to_le_bytes().to_vec(), &["byte 96", "light"]),
         (MODEL + 24, b"/etc".to_vec(), &["byte 192", "not relative"]),
         (MODEL + 24, vec![0xff], &["byte 192", "UTF-8"]),
@@ -156,6 +165,9 @@ fn errors_name_the_place() {
         (PLACES + 16, u32s(0), &["no prototype"]),
         (TRANSFORMS + 24, vec![0; 16], of_array),
         (TRANSFORMS + 132, vec![1], &["padding is not zero"]),
+        (PLACES + 20, u32s(8), &["unknown flags"]),
+        (LISTS, vec![0xff; 12], of_masks),
+        (LISTS + 12, vec![0xff; 12], of_tints),
         (SCENES + 8, u32s(1), &["scene 1", "scene 1, which is not before it"]),
         (SCENES + 8, u32s(9), &["scene 1", "scene 9, which is not before it"]),
     ];
@@ -225,7 +237,7 @@ fn many_small_scenes_must_fit_the_budget() {
     let (folder, context) = (Folder::new(), context());
     let path = folder.at("scene.oc");
     let file = |count: u32| {
-        let mut bytes = golden(&folder)[..96].to_vec();
+        let mut bytes = golden(&folder, GOLDEN[0].0)[..96].to_vec();
         bytes[24..28].copy_from_slice(&0u32.to_le_bytes());
         bytes[28..32].copy_from_slice(&(count + 1).to_le_bytes());
         bytes[32..36].copy_from_slice(&0u32.to_le_bytes());

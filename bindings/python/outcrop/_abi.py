@@ -121,7 +121,6 @@ class oc_build_desc(Sized):
         ("trusted_folder", c.c_char_p), ("max_triangles", c.c_uint64), ("max_bytes", c.c_uint64),
         ("trust_paths", c.c_uint32), ("reserved_2", c.c_uint32), ("crease_angle", c.c_float),
         ("stand_ins", c.c_uint32), ("proxy_rays", c.c_uint32), ("proxy_triangles", c.c_uint32),
-        ("surface_tolerance", c.c_double), ("surface_level", c.c_uint32), ("subdivide", c.c_uint32),
     ]
 
 
@@ -152,35 +151,6 @@ class oc_triangles(Sized):
         ("index_count", c.c_uint64), ("colours", c.c_void_p), ("colour_stride", c.c_uint64), ("scalar", c.c_uint32),
         ("index", c.c_uint32), ("normals", c.c_void_p), ("normal_stride", c.c_uint64),
         ("position_colours", c.c_void_p), ("position_colour_stride", c.c_uint64),
-    ]
-
-
-class oc_cage(Sized):
-    """A Catmull-Clark subdivision surface, as its cage. The arrays are read during the call. They may have any
-    alignment.
-    """
-
-    _fields_ = [
-        ("struct_size", c.c_uint32), ("mesh", c.c_uint32), ("part", c.c_uint64), ("face_parts", c.c_void_p),
-        ("positions", c.c_void_p), ("position_count", c.c_uint64), ("position_stride", c.c_uint64),
-        ("face_sizes", c.c_void_p), ("face_count", c.c_uint64), ("indices", c.c_void_p), ("index_count", c.c_uint64),
-        ("creases", c.c_void_p), ("crease_sharpness", c.c_void_p), ("crease_count", c.c_uint64),
-        ("corners", c.c_void_p), ("corner_sharpness", c.c_void_p), ("corner_count", c.c_uint64),
-        ("holes", c.c_void_p), ("hole_count", c.c_uint64), ("scalar", c.c_uint32), ("boundary", c.c_uint32),
-        ("creasing", c.c_uint32), ("triangle_rule", c.c_uint32),
-    ]
-
-
-class oc_nurbs(Sized):
-    """A NURBS surface without trims, rational or not. The arrays are read during the call, and are tightly packed.
-    They may have any alignment.
-    """
-
-    _fields_ = [
-        ("struct_size", c.c_uint32), ("mesh", c.c_uint32), ("part", c.c_uint64), ("degree_u", c.c_uint32),
-        ("degree_v", c.c_uint32), ("count_u", c.c_uint32), ("count_v", c.c_uint32), ("knots_u", c.c_void_p),
-        ("knots_v", c.c_void_p), ("points", c.c_void_p), ("weights", c.c_void_p), ("reversed", c.c_uint32),
-        ("reserved", c.c_uint32),
     ]
 
 
@@ -259,7 +229,8 @@ class oc_instances(Sized):
         ("struct_size", c.c_uint32), ("form", c.c_uint32), ("prototypes", c.c_void_p),
         ("prototype_count", c.c_uint64), ("prototype_of", c.c_void_p), ("transforms", c.c_void_p),
         ("stride", c.c_uint64), ("count", c.c_uint64), ("first_id", c.c_uint64), ("mask", c.c_uint32),
-        ("reserved", c.c_uint32), ("scenes", c.c_void_p), ("scene_count", c.c_uint64),
+        ("reserved", c.c_uint32), ("scenes", c.c_void_p), ("scene_count", c.c_uint64), ("masks", c.c_void_p),
+        ("mask_stride", c.c_uint64), ("tints", c.c_void_p), ("tint_stride", c.c_uint64),
     ]
 
 
@@ -533,11 +504,11 @@ class oc_place(c.Structure):
 
 STRUCTS: list[type[c.Structure]] = [
     oc_progress, oc_executor, oc_context_desc, oc_camera, oc_ray, oc_plane, oc_resolved, oc_build_desc, oc_material,
-    oc_part, oc_triangles, oc_cage, oc_nurbs, oc_build_report, oc_io, oc_model_info, oc_part_info, oc_light,
-    oc_background, oc_instances, oc_look, oc_query, oc_hit, oc_ray_f32, oc_rays_soa, oc_query_f32, oc_hit_f32,
-    oc_triangle, oc_crossing, oc_tree_place, oc_node, oc_node_triangle, oc_part_at, oc_overlap, oc_clash_desc,
-    oc_clash, oc_clash_summary, oc_nearest_desc, oc_nearest_point, oc_distance_desc, oc_distance, oc_fit, oc_part_ref,
-    oc_target, oc_frame_desc, oc_frame_settings, oc_frame_accuracy, oc_pixels, oc_place,
+    oc_part, oc_triangles, oc_build_report, oc_io, oc_model_info, oc_part_info, oc_light, oc_background, oc_instances,
+    oc_look, oc_query, oc_hit, oc_ray_f32, oc_rays_soa, oc_query_f32, oc_hit_f32, oc_triangle, oc_crossing,
+    oc_tree_place, oc_node, oc_node_triangle, oc_part_at, oc_overlap, oc_clash_desc, oc_clash, oc_clash_summary,
+    oc_nearest_desc, oc_nearest_point, oc_distance_desc, oc_distance, oc_fit, oc_part_ref, oc_target, oc_frame_desc,
+    oc_frame_settings, oc_frame_accuracy, oc_pixels, oc_place,
 ]
 """All structs, in the order of the header."""
 
@@ -574,8 +545,6 @@ class Functions:
     oc_build_add_shared_mesh: Callable[..., int]
     oc_build_add_instance: Callable[..., int]
     oc_build_add_triangles: Callable[..., int]
-    oc_build_add_cage: Callable[..., int]
-    oc_build_add_nurbs: Callable[..., int]
     oc_job_build_report: Callable[..., int]
     oc_job_build_note: Callable[..., int]
     oc_model_open: Callable[..., int]
@@ -600,6 +569,8 @@ class Functions:
     oc_scene_release: Callable[..., None]
     oc_scene_add_instances: Callable[..., int]
     oc_scene_set_transforms: Callable[..., int]
+    oc_scene_set_masks: Callable[..., int]
+    oc_scene_set_tints: Callable[..., int]
     oc_scene_remove_instances: Callable[..., int]
     oc_scene_add_scene: Callable[..., int]
     oc_scene_set_occurrence_look: Callable[..., int]
@@ -698,8 +669,6 @@ SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "oc_build_add_shared_mesh": (c.c_uint32, [c.c_void_p, c.c_uint32, c.c_void_p]),
     "oc_build_add_instance": (c.c_uint32, [c.c_void_p, c.c_uint32, c.c_uint64, c.c_void_p]),
     "oc_build_add_triangles": (c.c_uint32, [c.c_void_p, c.c_void_p]),
-    "oc_build_add_cage": (c.c_uint32, [c.c_void_p, c.c_void_p]),
-    "oc_build_add_nurbs": (c.c_uint32, [c.c_void_p, c.c_void_p]),
     "oc_job_build_report": (c.c_uint32, [c.c_void_p, c.c_void_p]),
     "oc_job_build_note": (c.c_uint32, [c.c_void_p, c.c_uint32, c.c_void_p]),
     "oc_model_open": (c.c_uint32, [c.c_void_p, c.c_char_p, c.c_void_p]),
@@ -726,6 +695,8 @@ SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "oc_scene_set_transforms": (c.c_uint32, [
         c.c_void_p, c.c_uint64, c.c_uint32, c.c_void_p, c.c_uint64, c.c_uint64,
     ]),
+    "oc_scene_set_masks": (c.c_uint32, [c.c_void_p, c.c_uint64, c.c_void_p, c.c_uint64, c.c_uint64]),
+    "oc_scene_set_tints": (c.c_uint32, [c.c_void_p, c.c_uint64, c.c_void_p, c.c_uint64, c.c_uint64]),
     "oc_scene_remove_instances": (c.c_uint32, [c.c_void_p, c.c_uint64]),
     "oc_scene_add_scene": (c.c_uint32, [c.c_void_p, c.c_void_p, c.c_uint64, c.c_void_p]),
     "oc_scene_set_occurrence_look": (c.c_uint32, [c.c_void_p, c.c_uint64, c.c_void_p]),
@@ -807,12 +778,12 @@ FALLIBLE = frozenset([
     "oc_job_poll", "oc_job_wait", "oc_job_cancel", "oc_job_set_wake", "oc_job_model", "oc_context_create",
     "oc_context_step", "oc_context_property", "oc_camera_ray", "oc_camera_frustum", "oc_build_create",
     "oc_build_add_file", "oc_build_start", "oc_build_add_material", "oc_build_add_part", "oc_build_add_shared_mesh",
-    "oc_build_add_instance", "oc_build_add_triangles", "oc_build_add_cage", "oc_build_add_nurbs",
-    "oc_job_build_report", "oc_job_build_note", "oc_model_open", "oc_model_open_io", "oc_model_load",
-    "oc_model_get_info", "oc_model_get_part", "oc_model_find_part", "oc_model_get_view", "oc_model_get_placement",
-    "oc_scene_create", "oc_scene_add_instance", "oc_scene_remove_instance", "oc_scene_set_transform",
-    "oc_scene_set_instance_mask", "oc_scene_set_lights", "oc_scene_set_background", "oc_scene_commit",
-    "oc_scene_add_instances", "oc_scene_set_transforms", "oc_scene_remove_instances", "oc_scene_add_scene",
+    "oc_build_add_instance", "oc_build_add_triangles", "oc_job_build_report", "oc_job_build_note", "oc_model_open",
+    "oc_model_open_io", "oc_model_load", "oc_model_get_info", "oc_model_get_part", "oc_model_find_part",
+    "oc_model_get_view", "oc_model_get_placement", "oc_scene_create", "oc_scene_add_instance",
+    "oc_scene_remove_instance", "oc_scene_set_transform", "oc_scene_set_instance_mask", "oc_scene_set_lights",
+    "oc_scene_set_background", "oc_scene_commit", "oc_scene_add_instances", "oc_scene_set_transforms",
+    "oc_scene_set_masks", "oc_scene_set_tints", "oc_scene_remove_instances", "oc_scene_add_scene",
     "oc_scene_set_occurrence_look", "oc_scene_get_path", "oc_scene_save", "oc_scene_open",
     "oc_scene_set_instance_look", "oc_scene_set_part_look", "oc_scene_set_parts_look", "oc_scene_isolate",
     "oc_scene_set_model", "oc_scene_clear_part_looks", "oc_scene_closest", "oc_scene_any", "oc_scene_closest_start",

@@ -187,6 +187,32 @@ def transforms_of(name: str, value: ArrayLike) -> tuple[Array, int]:
     return array, _abi.OC_TRANSFORM_AFFINE_F32 if single else _abi.OC_TRANSFORM_AFFINE_F64
 
 
+def _integers(name: str, value: ArrayLike, most: int) -> Array:
+    array = numpy.asarray(value)
+    if array.size and (array.dtype.kind not in "iu" or array.min() < 0 or array.max() > most):
+        raise ValueError(f"{name}: expected integers from 0 to {most}, not {given(array)}")
+    return array
+
+
+def masks_of(value: ArrayLike, count: int | None = None) -> Array:
+    """Returns masks, tightly packed. count: how many there must be."""
+    array = _integers("masks", value, 0xFFFFFFFF)
+    if array.ndim != 1 or count not in (None, len(array)):
+        raise ValueError(f"masks: expected the shape ({'n' if count is None else count},), not {array.shape}")
+    return numpy.ascontiguousarray(array, numpy.uint32)
+
+
+def tints_of(value: ArrayLike, count: int | None = None) -> Array:
+    """Returns tints of four bytes, tightly packed. count: how many there must be."""
+    array = _integers("tints", value, 255)
+    if array.ndim != 2 or array.shape[1] not in (3, 4) or count not in (None, len(array)):
+        n = "n" if count is None else count
+        raise ValueError(f"tints: expected the shape ({n}, 3) or ({n}, 4), not {array.shape}")
+    packed = numpy.full((len(array), 4), 255, numpy.uint8)
+    packed[:, :array.shape[1]] = array
+    return packed
+
+
 def address(array: Array) -> int:
     """Returns the address of the first element."""
     return int(array.__array_interface__["data"][0])

@@ -12,7 +12,7 @@ import numpy
 from numpy.typing import ArrayLike
 
 from . import _abi
-from ._arrays import OVERLAP, Array, address, ids, matrix, transforms_of
+from ._arrays import OVERLAP, Array, address, ids, masks_of, matrix, tints_of, transforms_of
 from ._clashes import Clashes
 from ._enums import LookFlags, PartsFlags
 from ._handles import Reference, made
@@ -80,7 +80,8 @@ class Scene(Queries, Clashes, Distances):
                                 f"not {one!r}")
 
     def add_instances(self, models: Model | Scene | Sequence[Model] | Sequence[Scene], transforms: ArrayLike, *,
-                      first_id: int, model_of: ArrayLike | None = None, mask: int = 0xFFFFFFFF) -> None:
+                      first_id: int, model_of: ArrayLike | None = None, mask: int = 0xFFFFFFFF,
+                      masks: ArrayLike | None = None, tints: ArrayLike | None = None) -> None:
         """Adds many instances of one model or scene, or of a few, with the ids first_id, first_id + 1, ...
 
         models: all models, or all scenes, as `add_scene` describes.
@@ -88,6 +89,9 @@ class Scene(Queries, Clashes, Distances):
             z axis, origin), as (n, 12) or (n, 4, 3).
         model_of: n indices among `models`. None: all are of the first.
         mask: see `set_mask`.
+        masks: n masks: a ray hits an instance only if its mask has a bit in common with both this one and `mask`.
+        tints: (n, 3) or (n, 4) integers from 0 to 255: factors to linear red, green, blue and to the opacity of all that
+            an instance shows, where 255 stands for 1. Colours of looks have no tint.
 
         None of them can be removed alone or given another model; otherwise they are like those of `add`.
         """
@@ -101,13 +105,17 @@ class Scene(Queries, Clashes, Distances):
             raise ValueError(f"model_of: expected the shape ({len(packed)},), not {which.shape}")
         if whole("mask", mask, 32) == 0:
             raise ValueError("mask: 0 hides the instances from all rays; use set_mask or set_look")
+        own = None if masks is None else masks_of(masks, len(packed))
+        tinted = None if tints is None else tints_of(tints, len(packed))
         prototypes = (c.c_void_p * len(listed))(*[model._h._as_parameter_ for model in listed])
         names = ("scenes", "scene_count") if are_scenes else ("prototypes", "prototype_count")
         given = dict(zip(names, (c.addressof(prototypes), len(listed))))
         lib.oc_scene_add_instances(self._h, c.byref(_abi.oc_instances(
             form=form, **given,
             prototype_of=None if which is None else address(which), transforms=address(packed), count=len(packed),
-            first_id=whole("first_id", first_id), mask=mask)))
+            first_id=whole("first_id", first_id), mask=mask,
+            masks=None if own is None else address(own),
+            tints=None if tinted is None else address(tinted))))
 
     def add_scene(self, id: int, inner: Scene, transform: ArrayLike | None = None) -> None:
         """Adds a scene as an instance. Each commit takes it as it was committed last. See `add`.
@@ -139,6 +147,22 @@ class Scene(Queries, Clashes, Distances):
         """
         packed, form = transforms_of("transforms", transforms)
         lib.oc_scene_set_transforms(self._h, whole("first_id", first_id), form, address(packed), len(packed), 0)
+
+    def set_masks(self, first_id: int, masks: ArrayLike) -> None:
+        """Replaces the masks of instances of an array, with the ids first_id, first_id + 1, ...
+
+        masks: as for `add_instances`.
+        """
+        own = masks_of(masks)
+        lib.oc_scene_set_masks(self._h, whole("first_id", first_id), address(own), len(own), 0)
+
+    def set_tints(self, first_id: int, tints: ArrayLike) -> None:
+        """Replaces the tints of instances of an array, with the ids first_id, first_id + 1, ...
+
+        tints: as for `add_instances`.
+        """
+        tinted = tints_of(tints)
+        lib.oc_scene_set_tints(self._h, whole("first_id", first_id), address(tinted), len(tinted), 0)
 
     def remove_instances(self, first_id: int) -> None:
         """Removes all instances that one `add_instances` added, given by the first id."""

@@ -82,6 +82,28 @@ def test_arrays_of_instances(context: outcrop.Context, tetra: outcrop.Model) -> 
                 scene.add_instances(tetra, transforms, first_id=1010)
             with pytest.raises(ValueError, match="model_of"):
                 scene.add_instances(tetra, transforms, model_of=[0], first_id=1)
+    masks = numpy.where(numpy.arange(count) % 2, 6, 3)
+    tints = numpy.tile([[255, 0, 0], [0, 51, 255]], (count // 2, 1))
+    with context.scene([]) as scene:
+        with scene.edit():
+            scene.add_instances(tetra, places, first_id=100, mask=7, masks=masks, tints=tints)
+        seen_by = {mask: scene.closest(over, DOWN, mask=mask)["kind"].astype(bool) for mask in (1, 2, 4, 8)}
+        assert [seen.tolist() for seen in seen_by.values()] == [
+            (masks & mask & 7 != 0).tolist() for mask in (1, 2, 4, 8)]
+        with scene.edit():
+            scene.set_masks(110, [4, 4])
+            scene.set_tints(110, [[1, 2, 3, 4], [5, 6, 7, 255]])
+        assert scene.closest(over, DOWN, mask=4)["kind"].astype(bool)[9:13].tolist() == [True, True, True, False]
+        for wrong in ([1, 2], numpy.full(count, -1), numpy.full(count, 1 << 32), numpy.ones((count, 1))):
+            with pytest.raises(ValueError, match="masks"):
+                scene.add_instances(tetra, places, first_id=1000, masks=wrong)
+        for wrong in (tints[:5], tints * 2, -tints, numpy.ones((count, 5))):
+            with pytest.raises(ValueError, match="tints"):
+                scene.add_instances(tetra, places, first_id=1000, tints=wrong)
+        with pytest.raises(outcrop.ArgumentError, match="2 masks, but 1 instances from 149 on"):
+            scene.set_masks(149, [1, 2])
+        with pytest.raises(outcrop.ArgumentError, match="2 tints, but 1 instances from 149 on"):
+            scene.set_tints(149, tints[:2])
     with context.scene([]) as scene:
         affine[7] = 0
         with pytest.raises(outcrop.ArgumentError, match="instance 7: the transform is singular"):

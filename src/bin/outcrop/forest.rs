@@ -170,6 +170,8 @@ fn scene(context: &Context, forest: &Forest, mut models: Vec<Model>) -> Result<S
             transforms: Transforms::Places(trees.iter().map(place).collect()),
             first_id: TREES,
             mask: u32::MAX,
+            masks: None,
+            tints: None,
         })?;
         tile.commit()?;
         Ok::<_, Error>(tile)
@@ -188,6 +190,8 @@ fn scene(context: &Context, forest: &Forest, mut models: Vec<Model>) -> Result<S
         transforms: Transforms::Places(cells().map(place).collect()),
         first_id: TILES,
         mask: u32::MAX,
+        masks: None,
+        tints: None,
     })?;
     all.commit()?;
     Ok(all)

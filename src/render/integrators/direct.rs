@@ -318,6 +318,9 @@ impl Direct<'_> {
         };
         if let Some([r, g, b, a]) = state.and_then(|s| s.colour).or(instance.look.colour) {
             (material.colour, material.opacity) = (Vec3::new(r, g, b), a);
+        } else if let Some(tint) = self.view.tint(tree) {
+            material.colour *= tint.truncate();
+            material.opacity *= tint.w;
         }
         let is_selected = instance.look.selected || state.is_some_and(|s| s.selected);
         (if is_selected { material.selected() } else { material }, is_selected)

@@ -13,7 +13,7 @@ use crate::query::answers::{InTree, Seen, TreeHits, weights};
 use crate::render::wants::Wants;
 use crate::scene::placed::Placed;
 use crate::scene::walk::{HitTree, Need};
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec3, Vec4};
 
 /// Height at which a stand-in's rays begin above the surface that it replaces, as a fraction of the ray's width. The
 /// tops of adjacent stand-ins are not at exactly the same height. (With 0, lit planes have up to 1.5 % of false shadow;
@@ -250,7 +250,8 @@ impl Direct<'_> {
             if (seen.coloured() & like == 0 && !has_colours) || self.recoloured(id, part) {
                 continue;
             }
-            bits(seen.coloured() & like).for_each(|i| shading.set_colour(i, seen.stand_ins().colour(i)));
+            let tint = self.view.tint(id).map_or(Vec3::ONE, Vec4::truncate);
+            bits(seen.coloured() & like).for_each(|i| shading.set_colour(i, seen.stand_ins().colour(i) * tint));
             if !has_colours {
                 continue;
             }
@@ -259,6 +260,7 @@ impl Direct<'_> {
                 match tree.colours(&hit) {
                     Ok(colours) => {
                         if let Some(own) = colours.and_then(|colours| self.mixed(colours, [hit.u, hit.v])) {
+                            let own = own * tint;
                             shading.set_colour(i, if is_selected { own.lerp(SELECTED, 0.65) } else { own });
                         }
                     }

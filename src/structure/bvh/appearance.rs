@@ -44,6 +44,8 @@ pub struct MemberLook<'a> {
     pub map: DAffine3,
     /// Greatest factor by which the map lengthens: its greatest singular value, or more.
     pub stretch: f64,
+    /// Factors to its linear colours, 0 to 1.
+    pub tint: Vec3,
 }
 
 /// The content of a tree.
@@ -197,7 +199,7 @@ pub(super) struct Described {
 impl MemberLook<'_> {
     /// Describes the member in its box; `None` if its map cannot be inverted.
     pub(super) fn describe(&self, cell: &Bounds) -> Option<Described> {
-        let Self { appearance: it, map, stretch } = self;
+        let Self { appearance: it, map, stretch, tint } = self;
         let inverse = map.inverse();
         if !(inverse.is_finite() && map.is_finite() && stretch.is_finite()) {
             return None;
@@ -208,7 +210,7 @@ impl MemberLook<'_> {
         let points = it.points.iter().map(|p| map.transform_point3(*p));
         Some(Described {
             slabs,
-            sides: placed_sides(&sides, cell.extent()),
+            sides: placed_sides(&sides, cell.extent()).map(|it| Sample { colour: it.colour * *tint, ..it }),
             fill: Fill::of_points(points, it.within * stretch, cell),
             part: Part::new(it.cell, it.slabs, it.stops).placed(inverse),
             is_loose: it.is_loose,

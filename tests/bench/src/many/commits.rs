@@ -68,7 +68,8 @@ fn planted(context: &Context, model: &Model, places: &Arc<[Place]>) -> Scene {
     let scene = Scene::new(context);
     let transforms = Transforms::Places(Arc::clone(places));
     let (prototypes, prototype_of) = (vec![model.clone()].into(), Arc::new([]));
-    let instances = Instances { prototypes, prototype_of, transforms, first_id: FIRST, mask: u32::MAX };
+    let instances =
+        Instances { prototypes, prototype_of, transforms, first_id: FIRST, mask: u32::MAX, masks: None, tints: None };
     scene.add_instances(&instances).expect("places are not singular, and there is memory");
     scene
 }
