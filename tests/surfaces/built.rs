@@ -116,7 +116,9 @@ fn faces_are_parts_and_have_the_normals_of_the_surface() {
         first += size as usize;
         let to = of_face.iter().map(|&v| shape.points[v as usize]).sum::<DVec3>() / f64::from(size) - middle;
         let ray = Ray::new(middle + 5.0 * to + DVec3::new(1e-4, 2e-4, 3e-4), -to.as_vec3());
-        let hit = ask(&scene.state(), &[ray], QueryOptions { want: Want::ALL | Want::SHADING_NORMAL, ..Default::default() })[0];
+        let hit =
+            ask(&scene.state(), &[ray], QueryOptions { want: Want::ALL | Want::SHADING_NORMAL, ..Default::default() })
+                [0];
         assert_eq!((hit.kind, hit.part), (HitKind::Exact, face as u64));
         assert!(hit.shading_normal.dot(to.normalize().as_vec3()) > 0.9999, "{:?}", hit.shading_normal);
     }

@@ -37,13 +37,7 @@ impl Cage {
     }
 
     /// Gives the surface to the sink; an empty one is none. Faults name the file.
-    pub fn finish(
-        self,
-        positions: &[[f64; 3]],
-        file: &Path,
-        options: &ReadOptions,
-        sink: &mut dyn Sink,
-    ) -> Result<()> {
+    pub fn finish(self, positions: &[[f64; 3]], file: &Path, options: &ReadOptions, sink: &mut dyn Sink) -> Result<()> {
         if self.sizes.is_empty() {
             return Ok(());
         }

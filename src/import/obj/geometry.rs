@@ -77,12 +77,7 @@ struct Corner {
 }
 
 /// Reads the whole file from its beginning; the triangles go to `parts`, or the faces are a cage, as `options` say.
-pub(crate) fn read(
-    input: &mut Input,
-    parts: &mut Parts<'_>,
-    options: &ReadOptions,
-    sink: &mut dyn Sink,
-) -> Result<()> {
+pub(crate) fn read(input: &mut Input, parts: &mut Parts<'_>, options: &ReadOptions, sink: &mut dyn Sink) -> Result<()> {
     let is_displaced = options.subdivide && options.displacement.is_some();
     let mut reader = Reader {
         coordinates: (is_displaced || parts.have_textures()).then(Vec::new),
