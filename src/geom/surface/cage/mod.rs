@@ -1,9 +1,9 @@
 //! Catmull-Clark cages: subdivision by the rules of OpenSubdiv 3.5, and their limit surface.
 //!
 //! [`Cage`] is topology with sharpness, which key frames share; [`Cage::refine`] and [`Cage::refine_points`] are one
-//! uniform step. [`CagePatches`] is the limit surface of all faces. A face alone, or one from a file, takes three steps:
-//! [`Finder`] or [`Neighbourhood::read`] gives its neighbourhood, [`Plans`] the plan of its subdivision, which faces
-//! alike share, and [`QuadSurface`] is the plan with points.
+//! uniform step. [`CagePatches`] is the limit surface of all faces. A face alone, or one from a file, takes three
+//! steps: [`Finder`] or [`Neighbourhood::read`] gives its neighbourhood, [`Plans`] the plan of its subdivision, which
+//! faces alike share, and [`QuadSurface`] is the plan with points.
 //!
 //! The surface is the true limit. Quads are subdivided until they are bicubic; around an irregular vertex, where this
 //! never ends, the step that repeats is applied as often as the parameters require, and the vertex itself has masks. So

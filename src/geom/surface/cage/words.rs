@@ -9,8 +9,8 @@ use crate::base::error::{Error, Result};
 const HEAD: usize = 3;
 
 impl Neighbourhood {
-    /// Appends the neighbourhood's words: rules, number of vertices, number of faces; sizes of the faces; vertex numbers
-    /// of their corners; bits of the sharpness of the corners' edges; those of the first face's vertices.
+    /// Appends the neighbourhood's words: rules, number of vertices, number of faces; sizes of the faces; vertex
+    /// numbers of their corners; bits of the sharpness of the corners' edges; those of the first face's vertices.
     pub fn write(&self, out: &mut Vec<u32>) {
         out.extend([self.rules, self.vertices, self.sizes.len() as u32]);
         for list in [&self.sizes, &self.corners, &self.edges, &self.sharpness] {
