@@ -3,7 +3,7 @@
 use super::build::{oc_build, with_input};
 use super::guard::{Sized32, Strided, bad, boundary, read};
 use super::status::oc_status;
-use crate::geom::surface::nurbs::{MAX_DEGREE, NurbsDesc};
+use crate::import::surfaces::{MAX_DEGREE, NurbsDesc};
 use crate::import::{NurbsMesh, Sink};
 use glam::DVec3;
 

@@ -10,10 +10,12 @@ pub mod trimmed_nurbs;
 #[cfg(test)]
 mod tests;
 
+pub use crate::geom::surface::cage::{Boundary, CageDesc, Creasing, Displacement, TriangleRule};
+pub use crate::geom::surface::displacement::{Heights, Wrap};
+pub use crate::geom::surface::nurbs::{MAX_DEGREE, NurbsDesc};
 pub use meshes::{CageMesh, Dicing, HeightMap, MOST_LEVEL, NurbsMesh, TOLERANCE};
 pub(crate) use read::{Kind, read};
 
-use crate::geom::surface::nurbs::NurbsDesc;
 use glam::DVec3;
 
 /// A surface of a file. The arrays are as in [`NurbsDesc`].
