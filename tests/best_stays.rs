@@ -29,8 +29,8 @@ struct Shot {
 }
 
 impl Shot {
-    /// The sum of the stated errors. The mean of the status is over pixels with a hit, so it may rise where stand-ins of
-    /// small error become misses; their sum may not.
+    /// The sum of the stated errors. The mean of the status is over pixels with a hit, so it may rise where stand-ins
+    /// of small error become misses; their sum may not.
     fn error_sum(&self) -> f64 {
         let hits = self.kind.iter().filter(|kind| **kind != HitKind::Miss as u8).count();
         f64::from(self.status.mean_error_px) * hits as f64

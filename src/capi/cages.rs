@@ -101,8 +101,8 @@ pub struct oc_cage {
     pub index_count: u64,
     /// Array of edges that are creases, two indices of vertices each.
     pub creases: *const u32,
-    /// Array of sharpness, one for each crease: 0 is smooth, 10 or more stays sharp for ever, and between these the edge
-    /// is sharp for so many subdivisions.
+    /// Array of sharpness, one for each crease: 0 is smooth, 10 or more stays sharp for ever, and between these the
+    /// edge is sharp for so many subdivisions.
     pub crease_sharpness: *const f32,
     /// Number of creases.
     pub crease_count: u64,
@@ -255,7 +255,8 @@ unsafe fn targets(input: &Input, cage: &oc_cage) -> Checked<(MeshKey, Vec<u32>)>
 /// Errors:
 /// - OC_STATUS_INVALID_ARGUMENT: a face has fewer than three corners or one vertex twice; an index is out of range; a
 ///   crease is on no edge; a sharpness is negative or NaN; a vertex is not finite; the part or mesh was not added; a
-///   count or stride is wrong; a height or coordinate of the displacement is not finite. The message names the face, edge or vertex. Nothing was added.
+///   count or stride is wrong; a height or coordinate of the displacement is not finite. The message names the face,
+///   edge or vertex. Nothing was added.
 /// - OC_STATUS_INVALID_ARGUMENT, OC_STATUS_OVER_LIMIT: the model would hold 2^32 - 1 triangles or more, or more than
 ///   oc_build_desc.max_triangles. The first of them may have been added.
 /// - OC_STATUS_INVALID_STATE: after oc_build_start.

@@ -161,7 +161,7 @@ pub trait Sink {
     fn dicing(&self) -> Option<Dicing> {
         None
     }
-    /// Adds a subdivision surface. By default it is diced into triangles ([`CageMesh::dice`]), in the order of its faces.
+    /// Adds a subdivision surface. By default it is diced into triangles ([`CageMesh::dice`]), in the order of faces.
     fn cage(&mut self, mesh: MeshKey, cage: &CageMesh<'_>) -> Result<()> {
         let (dicing, cancel) = (self.dicing(), self.cancel().clone());
         cage.dice(dicing, &cancel, &mut |part, micro| {

@@ -16,8 +16,8 @@
 //! - A texture `map_Kd` gives each triangle its mean colour ([`super::texture`]); vertex colours do not count there.
 //! - `#` begins a comment behind numbers. In a name it may be a letter: a material is looked for under its whole name
 //!   first, then under the name before the comment; names of objects and groups are kept whole.
-//! - With [`super::ReadOptions::subdivide`] the faces are the cage of a subdivision surface, and `t` lines are its tags;
-//!   colours of vertices and textures do not count.
+//! - With [`super::ReadOptions::subdivide`] the faces are the cage of a subdivision surface, and `t` lines are its
+//!   tags; colours of vertices and textures do not count.
 //! - All other lines are ignored. Those that carry geometry (points, lines, curves, subdivision tags) are noted.
 
 mod beside;

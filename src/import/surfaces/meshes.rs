@@ -35,8 +35,8 @@ pub struct HeightMap {
 pub const TOLERANCE: f64 = 1.0 / 2048.0;
 
 impl CageMesh<'_> {
-    /// Dices the limit surface. A level is that of the sides of faces, at least 1. `emit` receives the triangles of a part; those of a face follow each other, and faces
-    /// are in ascending order. `dicing`: `None` for [`TOLERANCE`].
+    /// Dices the limit surface. A level is that of the sides of faces, at least 1. `emit` receives the triangles of a
+    /// part; those of a face follow each other, and faces are in ascending order. `dicing`: `None` for [`TOLERANCE`].
     ///
     /// Fails with `BadArgument`, which names the face, edge or vertex that is wrong, and with the errors of `emit`.
     pub fn dice(

@@ -2,9 +2,9 @@
 //!
 //! A surface is a set of quads, each a patch over the unit square. Each edge of a quad has its own number of segments,
 //! a power of two that depends on the edge alone, so that both sides of it have the same. A quad is a grid as fine as
-//! its finest edge, or finer where its inside requires it; the rows of the grid at a coarser edge collapse to the points
-//! of that edge. Points on edges and corners are the mean of what their quads evaluate there: both sides of an edge have
-//! the same points to the last bit, also where a displacement differs between them.
+//! its finest edge, or finer where its inside requires it; the rows of the grid at a coarser edge collapse to the
+//! points of that edge. Points on edges and corners are the mean of the points that their quads have there: both sides
+//! of an edge have the same points to the last bit, also where a displacement differs between them.
 
 mod edges;
 mod levels;
@@ -91,8 +91,8 @@ pub struct Micro {
     pub normals: Vec<[Vec3; 3]>,
 }
 
-/// Dices a surface. `emit` receives the triangles of each quad, in ascending order; counter-clockwise along the normals.
-/// Fails with its errors, and with `BadArgument` as [`Dicing::check`].
+/// Dices a surface. `emit` receives the triangles of each quad, in ascending order, counter-clockwise along the
+/// normals. Fails with its errors, and with `BadArgument` as [`Dicing::check`].
 ///
 /// Memory is that of the points on all edges (24 bytes each) and of the largest quad.
 pub fn dice<Q: Quads>(surface: &Q, dicing: Dicing, emit: &mut dyn FnMut(usize, &Micro) -> Result<()>) -> Result<()> {
