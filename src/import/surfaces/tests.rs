@@ -73,14 +73,15 @@ fn faces_are_whole_parts_or_trimmed() {
         with(&["0,0 3,0 3,1 0,1"]),
         with(&["0,0 2,0 2,1 1,1 1,0.5 0,0.5"]),
         with(&["0,0 0,0"]),
+        with(&["0,0 2,0 2,1 2,0"]),
         plane(",\"reversed\":true,\"uv_bounds\":null"),
     ]);
     let read = faces(&text).expect("faces");
     let domains: Vec<_> = read.surfaces.iter().map(|s| (s.face, s.domain, s.is_reversed)).collect();
     let whole = [[0.0, 2.0], [0.0, 1.0]];
     let part = [[0.0, 1.0], [0.0, 0.5]];
-    assert_eq!(domains, [(0, whole, false), (1, whole, false), (2, part, false), (8, whole, true)]);
-    assert_eq!(read.trimmed, [3, 4, 5, 6, 7]);
+    assert_eq!(domains, [(0, whole, false), (1, whole, false), (2, part, false), (9, whole, true)]);
+    assert_eq!(read.trimmed, [3, 4, 5, 6, 7, 8]);
 }
 
 #[test]

@@ -1,8 +1,8 @@
 //! Heights as a biquadratic B-spline in texels.
 //!
 //! Texel i of a row is the control value in the middle of its area, and the knots are the borders of the areas. Thus
-//! each area is one polynomial piece of 3 × 3 texels, and the gradient is continuous. The Bézier coefficients of a piece
-//! are the texel itself and means of neighbours; they bound the heights.
+//! each area is one polynomial piece of 3 × 3 texels, and the gradient is continuous. The Bézier coefficients of a
+//! piece are the texel itself and means of neighbours; they bound the heights.
 
 use super::range::Pyramid;
 use crate::base::error::{Error, Result};

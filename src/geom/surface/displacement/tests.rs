@@ -119,6 +119,17 @@ fn a_rectangle_has_the_range_of_the_texels_around_it() {
 }
 
 #[test]
+fn bounds_of_large_rectangles_are_rounded_outwards() {
+    // The mean of both heights is no single-precision number, and would be rounded up.
+    let (low, high) = (1.0 + f32::EPSILON, 1.0 + 2.0 * f32::EPSILON);
+    let texels = (0..32 * 32).map(|at| if at % 32 < 16 { low } else { high }).collect();
+    let heights = Heights::new([32, 32], 1, [Wrap::Clamp; 2], texels).expect("heights");
+    let least = heights.sample(0, 0.5, 0.5).value;
+    assert_eq!(least, 0.5 * (f64::from(low) + f64::from(high)));
+    assert!(heights.range(0, [[0.5, 1.0], [0.0, 1.0]])[0] <= least);
+}
+
+#[test]
 fn bad_heights_are_refused_and_bad_coordinates_are_not() {
     let new = |size, count, texels| Heights::new(size, count, [Wrap::Clamp; 2], texels).map_err(|e| e.to_string());
     assert!(new([0, 4], 1, vec![]).expect_err("empty").contains("0 texels are not 1 maps of 0 × 4, or none"));

@@ -20,19 +20,19 @@ impl Nurbs {
     /// Panics unless `at` is less than [`Self::piece_counts`] in both directions.
     pub fn piece(&self, at: [usize; 2]) -> BezierPatch {
         let degree = self.degree();
-        let [along_u, along_v] = [Piece::of(&self.knots[0], at[0]), Piece::of(&self.knots[1], at[1])];
-        let width = along_v.last - along_v.first + 1;
+        let [k, l] = [0, 1].map(|axis| self.knots[axis].span(at[axis]));
         // Lines along u first, of all columns that the lines along v depend on.
+        let width = degree[1] + 1;
         let mut rows = vec![DVec4::ZERO; (degree[0] + 1) * width];
         for j in 0..width {
-            let column = along_u.bezier(|i| self.points[i * self.columns + along_v.first + j]);
+            let column = bezier(&self.knots[0], k, |i| self.points[i * self.columns + l - degree[1] + j]);
             for (i, &point) in column[..=degree[0]].iter().enumerate() {
                 rows[i * width + j] = point;
             }
         }
-        let mut points = Vec::with_capacity((degree[0] + 1) * (degree[1] + 1));
+        let mut points = Vec::with_capacity(rows.len());
         for row in rows.chunks_exact(width) {
-            points.extend_from_slice(&along_v.bezier(|j| row[j - along_v.first])[..=degree[1]]);
+            points.extend_from_slice(&bezier(&self.knots[1], l, |j| row[j + degree[1] - l])[..width]);
         }
         let domain = [0, 1].map(|axis| self.knots[axis].ends(self.knots[axis].span(at[axis])));
         let steps = (degree[0] + degree[1]) as u32;
@@ -62,41 +62,18 @@ impl Nurbs {
     }
 }
 
-/// A span of one direction.
-struct Piece<'a> {
-    knots: &'a Knots,
-    /// First knot of the span.
-    k: usize,
-    /// First knot of the span before, from which the first control point is made: unless the surface is torn.
-    before: Option<usize>,
-    /// Indices of the first and last control point that the piece depends on.
-    first: usize,
-    last: usize,
-}
-
-impl<'a> Piece<'a> {
-    fn of(knots: &'a Knots, at: usize) -> Self {
-        let k = knots.span(at);
-        let before = at.checked_sub(1).map(|at| knots.span(at)).filter(|before| k - before <= knots.degree());
-        Self { knots, k, before, first: before.unwrap_or(k) - knots.degree(), last: k }
+/// The Bézier points of the span that begins at knot `k`, of a line whose control points `line` returns by their index.
+fn bezier(knots: &Knots, k: usize, line: impl Fn(usize) -> DVec4) -> Line<MOST> {
+    let mut out = [DVec4::ZERO; MOST];
+    for (at, point) in out[..=knots.degree()].iter_mut().enumerate() {
+        *point = blossom(knots, k, at, &line);
     }
-
-    /// The Bézier points of the span, of a line whose control points `line` returns by their index.
-    fn bezier(&self, line: impl Fn(usize) -> DVec4) -> Line<MOST> {
-        let (p, mut out) = (self.knots.degree(), [DVec4::ZERO; MOST]);
-        for (at, point) in out[..=p].iter_mut().enumerate() {
-            *point = match self.before {
-                // The same bits as in the piece before.
-                Some(before) if at == 0 => blossom(self.knots, before, p, &line),
-                _ => blossom(self.knots, self.k, at, &line),
-            };
-        }
-        out
-    }
+    out
 }
 
 /// The blossom of the span that begins at knot `k`, at its end `ends` times and at its begin otherwise: a Bézier point
-/// of the span. All interpolations are convex, and exact where a weight is 0.
+/// of the span. All interpolations are convex, and exact where a weight is 0: the last point of a span and the first of
+/// the next are then made by the same interpolations of the same points, hence have equal bits.
 fn blossom(knots: &Knots, k: usize, ends: usize, line: impl Fn(usize) -> DVec4) -> DVec4 {
     let (p, around, [begin, end]) = (knots.degree(), knots.around(k), knots.ends(k));
     let mut points: Line<MOST> = [DVec4::ZERO; MOST];
