@@ -17,7 +17,7 @@ use std::time::Duration;
 
 const FIRST: u64 = 50;
 /// Number of members, over several pages.
-const COUNT: usize = 1100;
+const COUNT: usize = 600;
 /// The mask of all members together.
 const ALL: u32 = 0b1111;
 const COLOUR: [f32; 4] = [0.75, 0.5, 0.25, 1.0];
@@ -133,24 +133,24 @@ struct Answers {
 }
 
 fn picture(context: &Context, state: &Arc<SceneState>, reach: f64) -> Vec<Vec<u8>> {
-    let options = FrameOptions { width: 80, height: 60, outputs: Outputs::ALL, ..FrameOptions::default() };
+    let options = FrameOptions { width: 56, height: 42, outputs: Outputs::ALL, ..FrameOptions::default() };
     let frame = Frame::new(context, options).expect("a frame");
     let eye = DVec3::new(0.3, -3.0, 1.0) * reach;
     let camera = Camera::Perspective { eye, at: DVec3::ZERO, up: DVec3::Z, fov_y_degrees: 35.0 };
-    frame.request(state, &camera, &FrameSettings { samples: 4, ..FrameSettings::default() }).expect("a request");
+    frame.request(state, &camera, &FrameSettings { samples: 2, ..FrameSettings::default() }).expect("a request");
     assert_eq!(frame.wait(Duration::from_secs(120)).state, FrameState::Converged);
     Buffer::ALL.iter().map(|&buffer| frame.map(buffer).expect("a buffer").bytes().to_vec()).collect()
 }
 
 fn answers(context: &Context, state: &Arc<SceneState>, reach: f64) -> Answers {
-    let rays = rays(1200, reach);
+    let rays = rays(700, reach);
     let mut hits: Vec<Vec<Hit>> = [false, true].map(|coherent| closest(state, &rays, coherent)).into();
     // Rays of one mask are in packets and streams together.
-    for mask in [u32::MAX, 1, 6] {
+    for mask in [u32::MAX, 6] {
         let alike: Vec<Ray> = rays.iter().map(|ray| Ray { mask, ..*ray }).collect();
         hits.extend([false, true].map(|coherent| closest(state, &alike, coherent)));
     }
-    hits.push(rays.iter().take(200).map(|ray| closest(state, std::slice::from_ref(ray), false)[0]).collect());
+    hits.push(rays.iter().take(100).map(|ray| closest(state, std::slice::from_ref(ray), false)[0]).collect());
     let mut any = vec![0; rays.len()];
     state.any(&rays, QueryOptions::default(), &mut any).expect("hits");
     Answers { hits, any, picture: picture(context, state, reach) }
@@ -208,7 +208,7 @@ fn ranges_of_masks_and_tints_are_set_anew() {
         }
         array.commit().expect("a commit");
         let mut held = None;
-        for range in [3..4, 500..530, 0..COUNT, COUNT - 1..COUNT, 40..60] {
+        for range in [3..4, 500..530, 0..COUNT, COUNT - 1..COUNT] {
             let masks: Vec<u32> = range.clone().map(|_| mask(&mut rng)).collect();
             let tints: Vec<Tint> = range.clone().map(|_| tint(&mut rng)).collect();
             let first = FIRST + range.start as u64;
@@ -337,7 +337,7 @@ fn colours_of_vertices_are_tinted() {
         floats(&picture(&context, &scene.state(), 1.5)[1])
     });
     let lit = pictures[0].chunks_exact(4).filter(|it| it[0] > 0.05).count();
-    assert!(lit > 500, "{lit} pixels");
+    assert!(lit > 250, "{lit} pixels");
     for (a, b) in pictures[0].iter().zip(&pictures[1]) {
         assert!((a - b).abs() < 0.01, "{a} {b}");
     }

@@ -32,8 +32,10 @@ fn colours(context: &Context, state: &Arc<SceneState>, camera: &Camera, poe: f32
     bytes.chunks_exact(16).map(|it| [0, 4, 8].map(|at| float(&it[at..]))).collect()
 }
 
-fn sums(all: &[[f32; 3]]) -> [f64; 3] {
-    [0, 1, 2].map(|i| all.iter().map(|it| f64::from(it[i])).sum())
+/// The shares of red, green and blue in the light of a picture. (Its sum may differ: groups of twigs cover more.)
+fn shares(all: &[[f32; 3]]) -> [f64; 3] {
+    let sums = [0, 1, 2].map(|i| all.iter().map(|it| f64::from(it[i])).sum::<f64>());
+    sums.map(|sum| sum / sums.iter().sum::<f64>())
 }
 
 /// The forest with black around it; trees of two tints, or tiles.
@@ -84,11 +86,11 @@ fn tinted_groups_stand_in_between_their_colours() {
                 let (low, high) = (r.min(*g), r.max(*g));
                 assert!(low >= 0.9 * b - 0.01 && high <= 5.3 * b + 0.02, "{hit:?}: {r} {g} {b}");
             }
-            let all = sums(&colours(&context, &state, &camera, poe, 16));
-            let exact = sums(&colours(&context, &state, &camera, 0.0, 16));
-            println!("tiles: {of_tiles}, PoE {poe}: {tinted} pixels of groups; shown {all:.1?}, exact {exact:.1?}");
+            let all = shares(&colours(&context, &state, &camera, poe, 16));
+            let exact = shares(&colours(&context, &state, &camera, 0.0, 16));
+            println!("tiles: {of_tiles}, PoE {poe}: {tinted} pixels of groups; shown {all:.3?}, exact {exact:.3?}");
             for (all, exact) in all.iter().zip(exact) {
-                assert!((all / exact - 1.0).abs() < 0.1, "{all} {exact}");
+                assert!((all / exact - 1.0).abs() < 0.05, "{all} {exact}");
             }
         }
     }
@@ -101,7 +103,7 @@ fn tints_that_changed_are_shown() {
     for of_tiles in [false, true] {
         let forest = forest(&context, of_tiles);
         let camera = view(&forest, 4.0);
-        let before = sums(&colours(&context, &forest.scene.state(), &camera, 60.0, 4));
+        let before = shares(&colours(&context, &forest.scene.state(), &camera, 60.0, 4));
         for i in 0..4 {
             if of_tiles {
                 forest.scene.set_tints(FIRST_TILE + 11 * i, &[BLUE]).expect("tints");
@@ -112,10 +114,10 @@ fn tints_that_changed_are_shown() {
         forest.tile.commit().expect("a commit");
         forest.scene.commit().expect("a commit");
         let state = forest.scene.state();
-        let [shown, exact] = [60.0, 0.0].map(|poe| sums(&colours(&context, &state, &camera, poe, 4)));
-        println!("tiles: {of_tiles}, blue before {:.1}, shown {:.1}, exact {:.1}", before[2], shown[2], exact[2]);
+        let [shown, exact] = [60.0, 0.0].map(|poe| shares(&colours(&context, &state, &camera, poe, 4)));
+        println!("tiles: {of_tiles}, blue before {:.3}, shown {:.3}, exact {:.3}", before[2], shown[2], exact[2]);
         assert!(exact[2] > 1.15 * before[2], "the change is to be seen");
-        assert!((shown[2] / exact[2] - 1.0).abs() < 0.05, "{} {}", shown[2], exact[2]);
+        assert!((shown[2] / exact[2] - 1.0).abs() < 0.1, "{} {}", shown[2], exact[2]);
         let (_, groups) = groups(&context, &forest, &camera, 60.0);
         assert!(groups > 20 || !of_tiles, "{groups} pixels show groups");
     }
