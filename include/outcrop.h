@@ -532,6 +532,13 @@ typedef struct oc_build_desc {
      * polygons.
      */
     uint32_t subdivide;
+    /**
+     * A picture of heights by which these surfaces are moved along their normals, through the texture coordinates: PNG
+     * with 8 or 16 bits, or EXR. Its last row is at t = 0. NULL: none.
+     */
+    const char *displacement_map;
+    /** Height of a value of 1 (white) of `displacement_map`, in units of the surface, finite. */
+    double displacement_scale;
 } oc_build_desc;
 
 /** Material of a part. Colours are linear. All zeros: grey, opaque, matt. */
@@ -632,6 +639,37 @@ typedef uint32_t oc_creasing;
 /** Rule for triangles in a cage. */
 typedef uint32_t oc_triangle_rule;
 
+/** Texels beyond the border of a map. */
+typedef uint32_t oc_wrap;
+
+/**
+ * Heights by which a surface is moved along its normal: a biquadratic B-spline with a control value in the middle of
+ * each texel, so that the surface stays smooth. Where faces meet, the surface moves by the mean of their heights.
+ */
+typedef struct oc_displacement {
+    /** Size of this struct in bytes; OC_INIT sets it. */
+    uint32_t struct_size;
+    /** Texels in a row. */
+    uint32_t width;
+    /** Rows. */
+    uint32_t height;
+    /** Number of maps: 1, or the number of faces if there are no coordinates. */
+    uint32_t map_count;
+    /** Array of heights, tightly packed, finite: map by map, row by row, the first row at t = 0. */
+    const float *texels;
+    /**
+     * Array of the coordinates s, t in the map at each corner of each face, in the order of oc_cage.indices. The map
+     * covers 0 to 1. NULL: each face has a map of its own along its sides, and must have four corners.
+     */
+    const float *coordinates;
+    /** Factor of all heights, finite. */
+    double scale;
+    /** One of the OC_WRAP_ constants, for s. */
+    oc_wrap wrap_s;
+    /** One of the OC_WRAP_ constants, for t. */
+    oc_wrap wrap_t;
+} oc_displacement;
+
 /** A Catmull-Clark subdivision surface, as its cage. The arrays are read during the call. They may have any alignment. */
 typedef struct oc_cage {
     /** Size of this struct in bytes; OC_INIT sets it. */
@@ -665,8 +703,8 @@ typedef struct oc_cage {
     /** Array of edges that are creases, two indices of vertices each. */
     const uint32_t *creases;
     /**
-     * Array of sharpness, one for each crease: 0 is smooth, 10 or more stays sharp for ever, and between these the edge
-     * is sharp for so many subdivisions.
+     * Array of sharpness, one for each crease: 0 is smooth, 10 or more stays sharp for ever, and between these the
+     * edge is sharp for so many subdivisions.
      */
     const float *crease_sharpness;
     /** Number of creases. */
@@ -689,6 +727,8 @@ typedef struct oc_cage {
     oc_creasing creasing;
     /** One of the OC_TRIANGLE_RULE_ constants. */
     oc_triangle_rule triangle_rule;
+    /** Heights by which the surface is moved along its normal, or NULL. */
+    const struct oc_displacement *displacement;
 } oc_cage;
 
 /**
@@ -1970,6 +2010,12 @@ typedef struct oc_place {
 /** Weights with which regular triangles become smoother surfaces. */
 #define OC_TRIANGLE_RULE_SMOOTH 1
 
+/** The map repeats. */
+#define OC_WRAP_REPEAT 0
+
+/** The border continues. */
+#define OC_WRAP_CLAMP 1
+
 /** Unknown. The views of oc_model_get_view and oc_scene_fit then take +Z. */
 #define OC_UP_UNKNOWN 0
 
@@ -2726,7 +2772,8 @@ oc_status oc_build_add_triangles(struct oc_build *build,
  * Errors:
  * - OC_STATUS_INVALID_ARGUMENT: a face has fewer than three corners or one vertex twice; an index is out of range; a
  *   crease is on no edge; a sharpness is negative or NaN; a vertex is not finite; the part or mesh was not added; a
- *   count or stride is wrong. The message names the face, edge or vertex. Nothing was added.
+ *   count or stride is wrong; a height or coordinate of the displacement is not finite. The message names the face,
+ *   edge or vertex. Nothing was added.
  * - OC_STATUS_INVALID_ARGUMENT, OC_STATUS_OVER_LIMIT: the model would hold 2^32 - 1 triangles or more, or more than
  *   oc_build_desc.max_triangles. The first of them may have been added.
  * - OC_STATUS_INVALID_STATE: after oc_build_start.
@@ -3059,11 +3106,12 @@ void oc_scene_release(struct oc_scene *scene);
  * Adds many instances of a few models or scenes at once. Takes effect at oc_scene_commit.
  *
  * The arrays are copied: 96 bytes for an affine transform in doubles, 48 for the other forms, 4 for an index of a
- * prototype, and 4 for a mask or a tint, unless 512 in a row have all bits or no tint. A commit adds some 60 to 77 bytes for each mesh that is placed, or for each member that is a scene, for
- * the tree over all of them, 16 more if a transform stretches or scenes differ in the number of meshes in them, and
- * 250 while it runs. The members of the array are instances like those of oc_scene_add_instance, but none can be
- * removed alone or given another model, and one with an oc_place takes another place (oc_scene_set_transforms), but no
- * matrix. A mask or a look that is set for one of them takes memory for that one.
+ * prototype, and 4 for a mask or a tint, unless 512 in a row have all bits or no tint. A commit adds some 60 to 77
+ * bytes for each mesh that is placed, or for each member that is a scene, for the tree over all of them, 16 more if a
+ * transform stretches or scenes differ in the number of meshes in them, and 250 while it runs. The members of the
+ * array are instances like those of oc_scene_add_instance, but none can be removed alone or given another model, and
+ * one with an oc_place takes another place (oc_scene_set_transforms), but no matrix. A mask or a look that is set for
+ * one of them takes memory for that one.
  *
  * - `instances`: models or scenes, transforms and ids.
  *

@@ -213,10 +213,11 @@ unsafe fn heights(of: &oc_displacement, corners: u64) -> Checked<(Heights, Vec<[
     let Some(texels) = texels.and_then(|it| it.checked_mul(u64::from(of.map_count))) else {
         return bad("oc_displacement: the sizes are too large");
     };
-    // SAFETY: the caller's contract, for both.
+    // SAFETY: the caller's contract.
     let texels = unsafe { Strided::copied(of.texels, texels, "oc_displacement.texels")? };
     let coordinates = match of.coordinates.is_null() {
         true => Vec::new(),
+        // SAFETY: the caller's contract.
         false => unsafe { Strided::<[f32; 2]>::copied(of.coordinates.cast(), corners, "oc_displacement.coordinates")? },
     };
     let heights = Heights::new([of.width, of.height], of.map_count, wrap, texels)?;

@@ -121,6 +121,8 @@ class oc_build_desc(Sized):
         ("trusted_folder", c.c_char_p), ("max_triangles", c.c_uint64), ("max_bytes", c.c_uint64),
         ("trust_paths", c.c_uint32), ("reserved_2", c.c_uint32), ("crease_angle", c.c_float),
         ("stand_ins", c.c_uint32), ("proxy_rays", c.c_uint32), ("proxy_triangles", c.c_uint32),
+        ("surface_tolerance", c.c_double), ("surface_level", c.c_uint32), ("subdivide", c.c_uint32),
+        ("displacement_map", c.c_char_p), ("displacement_scale", c.c_double),
     ]
 
 
@@ -151,6 +153,48 @@ class oc_triangles(Sized):
         ("index_count", c.c_uint64), ("colours", c.c_void_p), ("colour_stride", c.c_uint64), ("scalar", c.c_uint32),
         ("index", c.c_uint32), ("normals", c.c_void_p), ("normal_stride", c.c_uint64),
         ("position_colours", c.c_void_p), ("position_colour_stride", c.c_uint64),
+    ]
+
+
+class oc_displacement(Sized):
+    """Heights by which a surface is moved along its normal: a biquadratic B-spline with a control value in the
+    middle of each texel, so that the surface stays smooth. Where faces meet, the surface moves by the mean of
+    their heights.
+    """
+
+    _fields_ = [
+        ("struct_size", c.c_uint32), ("width", c.c_uint32), ("height", c.c_uint32), ("map_count", c.c_uint32),
+        ("texels", c.c_void_p), ("coordinates", c.c_void_p), ("scale", c.c_double), ("wrap_s", c.c_uint32),
+        ("wrap_t", c.c_uint32),
+    ]
+
+
+class oc_cage(Sized):
+    """A Catmull-Clark subdivision surface, as its cage. The arrays are read during the call. They may have any
+    alignment.
+    """
+
+    _fields_ = [
+        ("struct_size", c.c_uint32), ("mesh", c.c_uint32), ("part", c.c_uint64), ("face_parts", c.c_void_p),
+        ("positions", c.c_void_p), ("position_count", c.c_uint64), ("position_stride", c.c_uint64),
+        ("face_sizes", c.c_void_p), ("face_count", c.c_uint64), ("indices", c.c_void_p), ("index_count", c.c_uint64),
+        ("creases", c.c_void_p), ("crease_sharpness", c.c_void_p), ("crease_count", c.c_uint64),
+        ("corners", c.c_void_p), ("corner_sharpness", c.c_void_p), ("corner_count", c.c_uint64),
+        ("holes", c.c_void_p), ("hole_count", c.c_uint64), ("scalar", c.c_uint32), ("boundary", c.c_uint32),
+        ("creasing", c.c_uint32), ("triangle_rule", c.c_uint32), ("displacement", c.c_void_p),
+    ]
+
+
+class oc_nurbs(Sized):
+    """A NURBS surface without trims, rational or not. The arrays are read during the call, and are tightly packed.
+    They may have any alignment.
+    """
+
+    _fields_ = [
+        ("struct_size", c.c_uint32), ("mesh", c.c_uint32), ("part", c.c_uint64), ("degree_u", c.c_uint32),
+        ("degree_v", c.c_uint32), ("count_u", c.c_uint32), ("count_v", c.c_uint32), ("knots_u", c.c_void_p),
+        ("knots_v", c.c_void_p), ("points", c.c_void_p), ("weights", c.c_void_p), ("reversed", c.c_uint32),
+        ("reserved", c.c_uint32),
     ]
 
 
@@ -504,11 +548,11 @@ class oc_place(c.Structure):
 
 STRUCTS: list[type[c.Structure]] = [
     oc_progress, oc_executor, oc_context_desc, oc_camera, oc_ray, oc_plane, oc_resolved, oc_build_desc, oc_material,
-    oc_part, oc_triangles, oc_build_report, oc_io, oc_model_info, oc_part_info, oc_light, oc_background, oc_instances,
-    oc_look, oc_query, oc_hit, oc_ray_f32, oc_rays_soa, oc_query_f32, oc_hit_f32, oc_triangle, oc_crossing,
-    oc_tree_place, oc_node, oc_node_triangle, oc_part_at, oc_overlap, oc_clash_desc, oc_clash, oc_clash_summary,
-    oc_nearest_desc, oc_nearest_point, oc_distance_desc, oc_distance, oc_fit, oc_part_ref, oc_target, oc_frame_desc,
-    oc_frame_settings, oc_frame_accuracy, oc_pixels, oc_place,
+    oc_part, oc_triangles, oc_displacement, oc_cage, oc_nurbs, oc_build_report, oc_io, oc_model_info, oc_part_info,
+    oc_light, oc_background, oc_instances, oc_look, oc_query, oc_hit, oc_ray_f32, oc_rays_soa, oc_query_f32,
+    oc_hit_f32, oc_triangle, oc_crossing, oc_tree_place, oc_node, oc_node_triangle, oc_part_at, oc_overlap,
+    oc_clash_desc, oc_clash, oc_clash_summary, oc_nearest_desc, oc_nearest_point, oc_distance_desc, oc_distance,
+    oc_fit, oc_part_ref, oc_target, oc_frame_desc, oc_frame_settings, oc_frame_accuracy, oc_pixels, oc_place,
 ]
 """All structs, in the order of the header."""
 
@@ -545,6 +589,8 @@ class Functions:
     oc_build_add_shared_mesh: Callable[..., int]
     oc_build_add_instance: Callable[..., int]
     oc_build_add_triangles: Callable[..., int]
+    oc_build_add_cage: Callable[..., int]
+    oc_build_add_nurbs: Callable[..., int]
     oc_job_build_report: Callable[..., int]
     oc_job_build_note: Callable[..., int]
     oc_model_open: Callable[..., int]
@@ -669,6 +715,8 @@ SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "oc_build_add_shared_mesh": (c.c_uint32, [c.c_void_p, c.c_uint32, c.c_void_p]),
     "oc_build_add_instance": (c.c_uint32, [c.c_void_p, c.c_uint32, c.c_uint64, c.c_void_p]),
     "oc_build_add_triangles": (c.c_uint32, [c.c_void_p, c.c_void_p]),
+    "oc_build_add_cage": (c.c_uint32, [c.c_void_p, c.c_void_p]),
+    "oc_build_add_nurbs": (c.c_uint32, [c.c_void_p, c.c_void_p]),
     "oc_job_build_report": (c.c_uint32, [c.c_void_p, c.c_void_p]),
     "oc_job_build_note": (c.c_uint32, [c.c_void_p, c.c_uint32, c.c_void_p]),
     "oc_model_open": (c.c_uint32, [c.c_void_p, c.c_char_p, c.c_void_p]),
@@ -778,23 +826,24 @@ FALLIBLE = frozenset([
     "oc_job_poll", "oc_job_wait", "oc_job_cancel", "oc_job_set_wake", "oc_job_model", "oc_context_create",
     "oc_context_step", "oc_context_property", "oc_camera_ray", "oc_camera_frustum", "oc_build_create",
     "oc_build_add_file", "oc_build_start", "oc_build_add_material", "oc_build_add_part", "oc_build_add_shared_mesh",
-    "oc_build_add_instance", "oc_build_add_triangles", "oc_job_build_report", "oc_job_build_note", "oc_model_open",
-    "oc_model_open_io", "oc_model_load", "oc_model_get_info", "oc_model_get_part", "oc_model_find_part",
-    "oc_model_get_view", "oc_model_get_placement", "oc_scene_create", "oc_scene_add_instance",
-    "oc_scene_remove_instance", "oc_scene_set_transform", "oc_scene_set_instance_mask", "oc_scene_set_lights",
-    "oc_scene_set_background", "oc_scene_commit", "oc_scene_add_instances", "oc_scene_set_transforms",
-    "oc_scene_set_masks", "oc_scene_set_tints", "oc_scene_remove_instances", "oc_scene_add_scene",
-    "oc_scene_set_occurrence_look", "oc_scene_get_path", "oc_scene_save", "oc_scene_open",
-    "oc_scene_set_instance_look", "oc_scene_set_part_look", "oc_scene_set_parts_look", "oc_scene_isolate",
-    "oc_scene_set_model", "oc_scene_clear_part_looks", "oc_scene_closest", "oc_scene_any", "oc_scene_closest_start",
-    "oc_scene_any_start", "oc_scene_closest_f32", "oc_scene_any_f32", "oc_model_read_part", "oc_part_reader_next",
-    "oc_scene_triangles", "oc_scene_crossings", "oc_cursor_create", "oc_cursor_root", "oc_cursor_places",
-    "oc_cursor_node", "oc_cursor_triangles", "oc_cursor_block_nodes", "oc_scene_parts_at", "oc_scene_thickness",
-    "oc_scene_overlap_box", "oc_scene_overlap_frustum", "oc_part_set_create", "oc_part_set_add_instance",
-    "oc_part_set_add_part", "oc_scene_clash_start", "oc_job_take_clashes", "oc_job_clash_summary", "oc_scene_nearest",
-    "oc_scene_distance", "oc_scene_fit", "oc_frame_create", "oc_frame_request", "oc_frame_poll", "oc_frame_wait",
-    "oc_frame_cancel", "oc_frame_resize", "oc_frame_set_wake", "oc_frame_get_accuracy", "oc_frame_pick",
-    "oc_frame_pick_near", "oc_frame_map", "oc_scene_prefetch_box", "oc_scene_prefetch_camera",
+    "oc_build_add_instance", "oc_build_add_triangles", "oc_build_add_cage", "oc_build_add_nurbs",
+    "oc_job_build_report", "oc_job_build_note", "oc_model_open", "oc_model_open_io", "oc_model_load",
+    "oc_model_get_info", "oc_model_get_part", "oc_model_find_part", "oc_model_get_view", "oc_model_get_placement",
+    "oc_scene_create", "oc_scene_add_instance", "oc_scene_remove_instance", "oc_scene_set_transform",
+    "oc_scene_set_instance_mask", "oc_scene_set_lights", "oc_scene_set_background", "oc_scene_commit",
+    "oc_scene_add_instances", "oc_scene_set_transforms", "oc_scene_set_masks", "oc_scene_set_tints",
+    "oc_scene_remove_instances", "oc_scene_add_scene", "oc_scene_set_occurrence_look", "oc_scene_get_path",
+    "oc_scene_save", "oc_scene_open", "oc_scene_set_instance_look", "oc_scene_set_part_look",
+    "oc_scene_set_parts_look", "oc_scene_isolate", "oc_scene_set_model", "oc_scene_clear_part_looks",
+    "oc_scene_closest", "oc_scene_any", "oc_scene_closest_start", "oc_scene_any_start", "oc_scene_closest_f32",
+    "oc_scene_any_f32", "oc_model_read_part", "oc_part_reader_next", "oc_scene_triangles", "oc_scene_crossings",
+    "oc_cursor_create", "oc_cursor_root", "oc_cursor_places", "oc_cursor_node", "oc_cursor_triangles",
+    "oc_cursor_block_nodes", "oc_scene_parts_at", "oc_scene_thickness", "oc_scene_overlap_box",
+    "oc_scene_overlap_frustum", "oc_part_set_create", "oc_part_set_add_instance", "oc_part_set_add_part",
+    "oc_scene_clash_start", "oc_job_take_clashes", "oc_job_clash_summary", "oc_scene_nearest", "oc_scene_distance",
+    "oc_scene_fit", "oc_frame_create", "oc_frame_request", "oc_frame_poll", "oc_frame_wait", "oc_frame_cancel",
+    "oc_frame_resize", "oc_frame_set_wake", "oc_frame_get_accuracy", "oc_frame_pick", "oc_frame_pick_near",
+    "oc_frame_map", "oc_scene_prefetch_box", "oc_scene_prefetch_camera",
 ])
 """Functions that return a status."""
 

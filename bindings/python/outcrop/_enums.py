@@ -274,6 +274,15 @@ class TriangleRule(enum.IntEnum):
     """Weights with which regular triangles become smoother surfaces."""
 
 
+class Wrap(enum.IntEnum):
+    """Texels beyond the border of a map."""
+
+    REPEAT = 0
+    """The map repeats."""
+    CLAMP = 1
+    """The border continues."""
+
+
 class UpAxis(enum.IntEnum):
     """Axis that points up."""
 
@@ -630,7 +639,7 @@ class Format(enum.IntEnum):
 
 __all__ = [
     "Status", "State", "Phase", "LogLevel", "InstructionSet", "ContextFlags", "Property", "CameraKind", "Structure",
-    "Splits", "Resolution", "StandIns", "Scalar", "Index", "Boundary", "Creasing", "TriangleRule", "UpAxis",
+    "Splits", "Resolution", "StandIns", "Scalar", "Index", "Boundary", "Creasing", "TriangleRule", "Wrap", "UpAxis",
     "PartFlags", "PlacementFlags", "LightKind", "TransformForm", "LookFlags", "PartsFlags", "Want", "QueryFlags",
     "HitKind", "Side", "CursorFlags", "Holds", "OverlapKind", "ClashDetail", "ClashSkipFlags", "ClashKind",
     "ClashOpenFlags", "NearestFlags", "View", "Buffer", "FrameFlags", "Format",

@@ -182,6 +182,12 @@ class BuildOptions(Value):
     """1: faces of OBJ files are the cages of subdivision surfaces, with the tags of OpenSubdiv's tools. 0: they are
     polygons.
     """
+    displacement_map: str | None = None
+    """A picture of heights by which these surfaces are moved along their normals, through the texture coordinates:
+    PNG with 8 or 16 bits, or EXR. Its last row is at t = 0. NULL: none.
+    """
+    displacement_scale: float = 0.0
+    """Height of a value of 1 (white) of `displacement_map`, in units of the surface, finite."""
 
 
 @dataclass

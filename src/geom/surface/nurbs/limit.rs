@@ -35,12 +35,16 @@ impl Nurbs {
     /// diagonal into the surface. Its error is some 10⁻¹² at a pole, and up to 10⁻⁷ beside one; beside a pole where
     /// both derivatives vanish up to 10⁻⁴, within that share of the domain.
     pub fn normal_limit(&self, u: f64, v: f64) -> DVec3 {
-        let point = self.evaluate(u, v);
-        if self.is_regular(&point) {
+        self.normal_limit_of(&self.evaluate(u, v), u, v)
+    }
+
+    /// [`Nurbs::normal_limit`], where the surface has `point`.
+    pub(super) fn normal_limit_of(&self, point: &SurfacePoint, u: f64, v: f64) -> DVec3 {
+        if self.is_regular(point) {
             return point.normal();
         }
         let patch = self.patch_around(u, v);
-        let is_reliable = is_reliable(&point, patch.steepest(), RELIABLE_NORMAL);
+        let is_reliable = is_reliable(point, patch.steepest(), RELIABLE_NORMAL);
         if is_reliable { point.normal() } else { Corner::at(&patch, u, v).normal() }
     }
 

@@ -69,19 +69,11 @@ impl<'a> NurbsQuads<'a> {
 
 /// Numbers of Bézier patches in a rectangle of parameters in both directions, and the patches. All if it is empty.
 fn pieces_in(surface: &Nurbs, domain: Option<[[f64; 2]; 2]>) -> ([usize; 2], Vec<BezierPatch>) {
-    let (counts, [u, v]) = (surface.piece_counts(), domain.unwrap_or(surface.domain()));
-    let is_in = |[from, to]: [f64; 2], [begin, end]: [f64; 2]| from < end && begin < to;
-    let along = |axis: usize, within: [f64; 2]| -> Vec<usize> {
-        let at = |i: usize| surface.piece(if axis == 0 { [i, 0] } else { [0, i] }).domain()[axis];
-        (0..counts[axis]).filter(|i| is_in(at(*i), within)).collect()
-    };
-    let (rows, columns) = (along(0, u), along(1, v));
-    if rows.is_empty() || columns.is_empty() {
-        return (counts, surface.pieces().collect());
-    }
-    let pieces = rows.iter().flat_map(|i| columns.iter().map(|j| surface.piece([*i, *j]).part([u, v])));
-    let pieces = pieces.collect();
-    ([rows.len(), columns.len()], pieces)
+    let pieces: Vec<BezierPatch> = domain.map_or(Vec::new(), |domain| surface.pieces_within(domain).collect());
+    let Some(first) = pieces.first() else { return (surface.piece_counts(), surface.pieces().collect()) };
+    // Those of a row, in which v is fastest, have the same parameters u.
+    let columns = pieces.iter().take_while(|it| it.domain()[0] == first.domain()[0]).count();
+    ([pieces.len() / columns, columns], pieces)
 }
 
 /// The control points on a border of a patch, without the weights: v = first, v = last, u = first, u = last.
@@ -153,10 +145,7 @@ impl Quads for NurbsQuads<'_> {
             if share == 1.0 { to } else { from + (to - from) * share }
         });
         let point = patch.evaluate(u, v);
-        let normal = match point.normal() {
-            DVec3::ZERO => self.surface.normal_limit(u, v),
-            normal => normal,
-        };
+        let normal = self.surface.normal_limit_of(&point, u, v);
         Sample { position: point.position, normal }
     }
 }
