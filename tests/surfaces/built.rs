@@ -374,9 +374,9 @@ fn pictures_displace_the_cages_of_files() {
     // White is 255, so 51 is a fifth of the scale.
     let bounds = model.info().bounds;
     assert!((bounds.min.z - 0.1).abs() < 1e-6 && (bounds.max.z - 0.1).abs() < 1e-6, "{bounds:?}");
-    let error = build(&folder.path().join("none.png")).err().expect("an error").to_string();
+    let error = build(&folder.path().join("none.png")).expect_err("an error").to_string();
     assert!(error.contains("none.png"), "{error}");
     std::fs::write(&obj, text.replace("3/3", "3")).expect("a file");
-    let error = build(&map).err().expect("an error").to_string();
+    let error = build(&map).expect_err("an error").to_string();
     assert!(error.contains("line 9") && error.contains("texture coordinates"), "{error}");
 }

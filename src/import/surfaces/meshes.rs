@@ -60,10 +60,7 @@ impl CageMesh<'_> {
             Dicing::Level(level) => Dicing::Level(level.saturating_sub(1)),
             tolerance => tolerance,
         };
-        dice(&quads, dicing, &mut |quad, micro| {
-            cancel.check()?;
-            emit(part(quads.face(quad)), micro)
-        })
+        dice(&quads, dicing, cancel, &mut |quad, micro| emit(part(quads.face(quad)), micro))
     }
 }
 
@@ -95,8 +92,7 @@ impl NurbsMesh<'_> {
         let surface = Nurbs::new(&self.desc)?;
         let extent = if self.extent > 0.0 { self.extent } else { extent(self.desc.points) };
         let mut turned = Micro::default();
-        dice(&NurbsQuads::new(&surface, self.domain), or_default(dicing, extent), &mut |_, micro| {
-            cancel.check()?;
+        dice(&NurbsQuads::new(&surface, self.domain), or_default(dicing, extent), cancel, &mut |_, micro| {
             if !self.is_reversed {
                 return emit(self.part, micro);
             }

@@ -13,6 +13,7 @@ mod quad;
 mod tests;
 
 use crate::base::error::{Error, Result};
+use crate::base::progress::Cancel;
 use edges::Edges;
 use glam::{DVec3, Vec3};
 
@@ -91,17 +92,26 @@ pub struct Micro {
     pub normals: Vec<[Vec3; 3]>,
 }
 
-/// Dices a surface. `emit` receives the triangles of each quad, in ascending order, counter-clockwise along the
-/// normals. Fails with its errors, and with `BadArgument` as [`Dicing::check`].
-///
-/// Memory is that of the points on all edges (24 bytes each) and of the largest quad.
-pub fn dice<Q: Quads>(surface: &Q, dicing: Dicing, emit: &mut dyn FnMut(usize, &Micro) -> Result<()>) -> Result<()> {
-    dicing.check()?;
-    let edges = Edges::of(surface, dicing);
-    let mut grid = quad::Grid::default();
-    for quad in 0..surface.count() {
-        grid.fill(surface, quad, dicing, &edges);
-        emit(quad, grid.triangles())?;
+impl Micro {
+    fn clear(&mut self) {
+        self.positions.clear();
+        self.normals.clear();
     }
-    Ok(())
+}
+
+/// Dices a surface. `emit` receives the triangles of each quad, in ascending order and some thousand at a time,
+/// counter-clockwise along the normals. Fails with its errors, with `BadArgument` as [`Dicing::check`], and with
+/// `Cancelled`.
+///
+/// Memory is that of the points on all edges (24 bytes each).
+pub fn dice<Q: Quads>(
+    surface: &Q,
+    dicing: Dicing,
+    cancel: &Cancel,
+    emit: &mut dyn FnMut(usize, &Micro) -> Result<()>,
+) -> Result<()> {
+    dicing.check()?;
+    let edges = Edges::of(surface, dicing, cancel)?;
+    let mut micro = Micro::default();
+    (0..surface.count()).try_for_each(|at| quad::dice((surface, at), (dicing, &edges), cancel, &mut micro, emit))
 }

@@ -1,91 +1,85 @@
-//! The grid of one quad, and its triangles.
+//! The triangles of one quad, row by row: memory is that of its sides and of two rows.
 
-use super::edges::{Edges, on_side};
+use super::edges::{ENDS, Edges, on_side};
 use super::{Dicing, Micro, Quads, Sample, levels};
+use crate::base::error::Result;
+use crate::base::progress::Cancel;
 
-/// The points of a quad, row by row along u.
-#[derive(Default)]
-pub struct Grid {
-    /// Segments along each side.
+/// Least number of triangles that are handed on at a time, unless the quad has fewer.
+const BATCH: usize = 4096;
+
+/// A quad with the number of segments along each of its sides.
+struct Grid<'a, Q> {
+    surface: &'a Q,
+    quad: usize,
+    edges: &'a Edges,
     count: usize,
-    points: Vec<Sample>,
-    /// Levels of the quad's sides below that of the grid.
-    coarser: [u32; 4],
-    triangles: Micro,
 }
 
-impl Grid {
-    /// Evaluates the points of a quad, and makes its triangles.
-    pub fn fill<Q: Quads>(&mut self, surface: &Q, quad: usize, dicing: Dicing, edges: &Edges) {
-        let sides = surface.sides(quad);
-        let of_sides = sides.map(|side| edges.level(side.edge));
-        let least = of_sides.into_iter().fold(0, u32::max);
-        let level = levels::of_quad(surface, quad, least, dicing);
-        self.count = 1 << level;
-        self.coarser = of_sides.map(|it| level - it);
-        let place = |i: usize| i as f64 / self.count as f64;
-        let row = |j: usize| (0..=self.count).map(move |i| (i, j));
-        self.points.clear();
-        self.points.extend((0..=self.count).flat_map(row).map(|(i, j)| surface.sample(quad, place(i), place(j))));
-        for (which, side) in sides.into_iter().enumerate() {
-            let step = 1 << self.coarser[which];
-            for i in (step..self.count).step_by(step) {
-                let at = self.on(which, i);
-                self.points[at].position = edges.point(side, i / step);
+/// Dices a quad. `micro` is emptied first.
+pub fn dice<Q: Quads>(
+    (surface, quad): (&Q, usize),
+    (dicing, edges): (Dicing, &Edges),
+    cancel: &Cancel,
+    micro: &mut Micro,
+    emit: &mut dyn FnMut(usize, &Micro) -> Result<()>,
+) -> Result<()> {
+    let least = surface.sides(quad).into_iter().map(|side| edges.level(side.edge)).fold(0, u32::max);
+    let count = 1 << levels::of_quad(surface, quad, least, dicing);
+    let grid = Grid { surface, quad, edges, count };
+    let [mut below, top, left, right] = [0, 1, 2, 3].map(|which| grid.side(which));
+    let mut above = Vec::with_capacity(count + 1);
+    micro.clear();
+    for j in 1..=count {
+        cancel.check()?;
+        above.clear();
+        if j == count {
+            above.extend_from_slice(&top);
+        } else {
+            let v = j as f64 / count as f64;
+            above.push(left[j]);
+            above.extend((1..count).map(|i| surface.sample(quad, i as f64 / count as f64, v)));
+            above.push(right[j]);
+        }
+        add_row(micro, &below, &above);
+        if micro.positions.len() >= BATCH {
+            emit(quad, micro)?;
+            micro.clear();
+        }
+        std::mem::swap(&mut below, &mut above);
+    }
+    if micro.positions.is_empty() { Ok(()) } else { emit(quad, micro) }
+}
+
+impl<Q: Quads> Grid<'_, Q> {
+    /// The points of the grid along a side. Where the edge is coarser than the grid, the nearest points of the edge
+    /// take the places of those between them.
+    fn side(&self, which: usize) -> Vec<Sample> {
+        let (side, corners) = (self.surface.sides(self.quad)[which], self.surface.corners(self.quad));
+        let own = 1usize << self.edges.level(side.edge);
+        let point = |i: usize| {
+            let (u, v) = on_side(which, i as f64 / own as f64);
+            let position = match i {
+                0 => self.edges.vertex(corners[ENDS[which][0]]),
+                i if i == own => self.edges.vertex(corners[ENDS[which][1]]),
+                i => self.edges.point(side, i),
+            };
+            Sample { position, ..self.surface.sample(self.quad, u, v) }
+        };
+        let (points, step) = ((0..=own).map(point).collect::<Vec<_>>(), self.count / own);
+        (0..=self.count).map(|i| points[(i + step / 2) / step]).collect()
+    }
+}
+
+/// Adds the triangles between two rows. Those without area, where points coincide at poles and coarser edges, are none.
+fn add_row(micro: &mut Micro, below: &[Sample], above: &[Sample]) {
+    for (low, high) in below.windows(2).zip(above.windows(2)) {
+        for corners in [[low[0], low[1], high[1]], [low[0], high[1], high[0]]] {
+            let [p, q, r] = corners.map(|it| it.position);
+            if p != q && q != r && r != p {
+                micro.positions.push([p, q, r]);
+                micro.normals.push(corners.map(|it| it.normal.as_vec3()));
             }
         }
-        let ends = [0, self.count, (self.count + 1) * self.count, (self.count + 1) * (self.count + 1) - 1];
-        for (vertex, at) in surface.corners(quad).into_iter().zip(ends) {
-            self.points[at].position = edges.vertex(vertex);
-        }
-        self.make_triangles();
-    }
-
-    /// The triangles.
-    pub fn triangles(&self) -> &Micro {
-        &self.triangles
-    }
-
-    /// Index of point `i` along a side.
-    fn on(&self, side: usize, i: usize) -> usize {
-        let (u, v) = on_side(side, i as f64);
-        let [u, v] = [u as usize, v as usize];
-        match side {
-            1 => self.count * (self.count + 1) + u,
-            3 => v * (self.count + 1) + self.count,
-            _ => v * (self.count + 1) + u,
-        }
-    }
-
-    /// The point that stands for point (i, j): one of the edge's own where it is on a coarser edge.
-    fn own(&self, mut i: usize, mut j: usize) -> usize {
-        let nearest = |at: usize, coarser: u32| (at + (1 << coarser) / 2) >> coarser << coarser;
-        let inside = |at: usize| at > 0 && at < self.count;
-        if inside(i) && !inside(j) {
-            i = nearest(i, self.coarser[usize::from(j > 0)]);
-        } else if inside(j) && !inside(i) {
-            j = nearest(j, self.coarser[2 + usize::from(i > 0)]);
-        }
-        j * (self.count + 1) + i
-    }
-
-    fn make_triangles(&mut self) {
-        let mut made = std::mem::take(&mut self.triangles);
-        made.positions.clear();
-        made.normals.clear();
-        for j in 0..self.count {
-            for i in 0..self.count {
-                let [a, b, c, d] = [[0, 0], [1, 0], [0, 1], [1, 1]].map(|[x, y]| self.own(i + x, j + y));
-                for corners in [[a, b, d], [a, d, c]] {
-                    // Points coincide at poles and at coarser edges.
-                    let [p, q, r] = corners.map(|at| self.points[at].position);
-                    if p != q && q != r && r != p {
-                        made.positions.push([p, q, r]);
-                        made.normals.push(corners.map(|at| self.points[at].normal.as_vec3()));
-                    }
-                }
-            }
-        }
-        self.triangles = made;
     }
 }

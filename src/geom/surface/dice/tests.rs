@@ -74,7 +74,7 @@ fn triangles(surface: &impl Quads, dicing: Dicing) -> Vec<([DVec3; 3], [Vec3; 3]
         all.extend(micro.positions.iter().copied().zip(micro.normals.iter().copied()));
         Ok(())
     };
-    dice(surface, dicing, &mut emit).expect("triangles");
+    dice(surface, dicing, &Cancel::new(), &mut emit).expect("triangles");
     all
 }
 
@@ -176,5 +176,5 @@ fn coarse_neighbours_meet_fine_quads() {
     let far = far.map(|it| height(it.position)).fold(0.0, f64::max);
     assert!(far <= 1e-4, "{far}");
     let wrong = [Dicing::Level(13), Dicing::Tolerance(0.0), Dicing::Tolerance(f64::NAN)];
-    assert!(wrong.iter().all(|it| dice(&Ridge, *it, &mut |_, _| Ok(())).is_err()));
+    assert!(wrong.iter().all(|it| dice(&Ridge, *it, &Cancel::new(), &mut |_, _| Ok(())).is_err()));
 }
