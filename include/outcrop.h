@@ -2869,11 +2869,12 @@ void oc_scene_release(struct oc_scene *scene);
  * Adds many instances of a few models or scenes at once. Takes effect at oc_scene_commit.
  *
  * The arrays are copied: 96 bytes for an affine transform in doubles, 48 for the other forms, 4 for an index of a
- * prototype, and 4 for a mask or a tint, unless 512 in a row have all bits or no tint. A commit adds some 60 to 77 bytes for each mesh that is placed, or for each member that is a scene, for
- * the tree over all of them, 16 more if a transform stretches or scenes differ in the number of meshes in them, and
- * 250 while it runs. The members of the array are instances like those of oc_scene_add_instance, but none can be
- * removed alone or given another model, and one with an oc_place takes another place (oc_scene_set_transforms), but no
- * matrix. A mask or a look that is set for one of them takes memory for that one.
+ * prototype, and 4 for a mask or a tint, unless 512 in a row have all bits or no tint. A commit adds some 60 to 77
+ * bytes for each mesh that is placed, or for each member that is a scene, for the tree over all of them, 16 more if a
+ * transform stretches or scenes differ in the number of meshes in them, and 250 while it runs. The members of the
+ * array are instances like those of oc_scene_add_instance, but none can be removed alone or given another model, and
+ * one with an oc_place takes another place (oc_scene_set_transforms), but no matrix. A mask or a look that is set for
+ * one of them takes memory for that one.
  *
  * - `instances`: models or scenes, transforms and ids.
  *
