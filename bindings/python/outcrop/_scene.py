@@ -90,8 +90,8 @@ class Scene(Queries, Clashes, Distances):
         model_of: n indices among `models`. None: all are of the first.
         mask: see `set_mask`.
         masks: n masks: a ray hits an instance only if its mask has a bit in common with both this one and `mask`.
-        tints: (n, 3) or (n, 4) integers from 0 to 255: factors to linear red, green, blue and to the opacity of all that
-            an instance shows, where 255 stands for 1. Colours of looks have no tint.
+        tints: (n, 3) or (n, 4) integers from 0 to 255: factors to linear red, green, blue and to the opacity of all
+            that an instance shows, where 255 stands for 1. Colours of looks have no tint.
 
         None of them can be removed alone or given another model; otherwise they are like those of `add`.
         """
