@@ -23,7 +23,7 @@ def directions(count: int) -> numpy.ndarray:
 def distances(context: outcrop.Context, path: Path) -> numpy.ndarray:
     """Distances from the origin in all directions; infinite where a ray leaves the model."""
     with context.open(path) as model, context.scene(model) as scene:
-        return scene.closest(numpy.zeros(3), directions(5000)).t
+        return scene.closest(numpy.zeros(3), directions(5000))["t"]
 
 
 def test_cages_are_smooth_and_closed(context: outcrop.Context, tmp_path: Path) -> None:
@@ -38,7 +38,7 @@ def test_cages_are_smooth_and_closed(context: outcrop.Context, tmp_path: Path) -
     # The middle of a face of a cube: 1/2 of the way, by the masks of the limit.
     assert abs(smooth.min() - 0.5) < 0.01
     with context.open(tmp_path / "cube.oc") as model, context.scene(model) as scene:
-        assert scene.closest((5, 0.01, 0.02), (-1, 0, 0)).part == 15
+        assert scene.closest([(5, 0.01, 0.02)], (-1, 0, 0))["part"][0] == 15
 
     with context.new_build(options) as build:
         edges = {tuple(sorted((a, b))) for face in FACES for a, b in zip(face, numpy.roll(face, 1))}
@@ -63,7 +63,7 @@ def test_wrong_cages_are_refused(context: outcrop.Context) -> None:
             build.add_cage(part, CUBE, FACES, creases=[(0, 1)], crease_sharpness=[1, 2])
         with pytest.raises(outcrop.Error, match="crease 0 to 7"):
             build.add_cage(part, CUBE, FACES, creases=[(0, 7)])
-        with pytest.raises(outcrop.Error, match="face 6|hole 6"):
+        with pytest.raises(outcrop.Error, match="hole 6"):
             build.add_cage(part, CUBE, FACES, holes=[6])
         with pytest.raises(ValueError, match="part"):
             build.add_cage([part, part], CUBE, FACES)
@@ -100,5 +100,5 @@ def test_files_of_cages(context: outcrop.Context, tmp_path: Path) -> None:
     lines = [f"v {x} {y} {z}" for x, y, z in CUBE] + ["f " + " ".join(str(v + 1) for v in face) for face in FACES]
     (tmp_path / "cube.obj").write_text("\n".join(lines + ["t crease 2/1/0 0 1 2"]))
     options = outcrop.BuildOptions(surface_level=2, subdivide=1)
-    report = context.build(tmp_path / "cube.obj", tmp_path / "cube.oc", options=options)
+    report = context.build(tmp_path / "cube.oc", tmp_path / "cube.obj", options=options)
     assert report.triangles_in == 6 * 2 * 4**2 and not report.texts
