@@ -78,6 +78,9 @@ impl Builder {
         }
         threads::check(options.threads, "threads")?;
         options.dicing.map_or(Ok(()), |dicing| dicing.check())?;
+        if options.displacement.as_ref().is_some_and(|map| !map.scale.is_finite()) {
+            return Err(Error::bad_argument("the scale of the displacement must be finite"));
+        }
         if options.proxy_rays > MOST_PROXY_RAYS {
             return Err(Error::bad_argument(format!("proxy_rays must be at most {MOST_PROXY_RAYS}")));
         }

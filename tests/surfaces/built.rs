@@ -287,7 +287,7 @@ fn wrong_surfaces_are_refused_and_add_nothing() {
         }
         assert_eq!(builder.triangles_read(), 0);
     };
-    refused(&|it| it.points[3].y = f64::NAN, &[part], "vertex 3 is not finite");
+    refused(&|it| it.points[3].y = f64::NAN, &[part], "vertex 3 (from 0) is not finite");
     refused(&|it| it.creases.push((0, 6, 1.0)), &[part], "crease 0 to 6");
     refused(&|it| it.corners.push((1, -1.0)), &[part], "vertex 1");
     refused(&|it| it.sizes[2] = 2, &[part], "face 2");

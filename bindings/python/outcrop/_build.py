@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes as c
 import os
+from numbers import Integral
 from collections.abc import Callable
 from typing import Any, Union
 
@@ -162,6 +163,8 @@ def _displacement(heights: ArrayLike | None, coordinates: ArrayLike | None,
                   corners: int) -> tuple[Any, tuple[Array, ...]]:
     """Returns the struct of a displacement, or None, and the arrays that it points to."""
     if heights is None:
+        if coordinates is not None:
+            raise ValueError("coordinates: there are no heights")
         return None, ()
     texels = numpy.ascontiguousarray(heights, numpy.float32)
     if texels.ndim != (3 if coordinates is None else 2):
@@ -309,7 +312,7 @@ class Build(Handle):
         if counted is not None:
             cage.face_sizes = address(counted)
         parts = None
-        if isinstance(part, int):
+        if isinstance(part, Integral):
             cage.part = whole("part", part)
         else:
             parts = _numbers("part", part, (count,), numpy.uint64)

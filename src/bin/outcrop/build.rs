@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// Build a model file from mesh files (PLY, OBJ, STL, glTF, GLB, raw soup)
+/// Build a model file from mesh files (PLY, OBJ, STL, glTF, GLB, raw soup, BPT and NURBS faces)
 #[derive(clap::Args)]
 pub struct Args {
     /// Mesh files; all of them become one model
@@ -75,9 +75,9 @@ pub struct Args {
     /// A picture of heights by which subdivision surfaces are moved along their normals (PNG with 8 or 16 bits, or EXR)
     #[arg(long, value_name = "MAP", requires = "subdivide")]
     displace: Option<PathBuf>,
-    /// Height of white in the picture of heights, in units of the surface
-    #[arg(long, value_name = "S", default_value = "1", allow_negative_numbers = true)]
-    scale: f64,
+    /// Height of white in the picture of heights, in units of the surface [default: 1]
+    #[arg(long, value_name = "S", allow_negative_numbers = true, requires = "displace")]
+    scale: Option<f64>,
     /// Greatest distance between smooth surfaces and their triangles, in units of the surface [default: 1/2048 of its
     /// extent]
     #[arg(long, value_name = "T", allow_negative_numbers = true, value_parser = common::positive)]
@@ -117,7 +117,7 @@ pub fn run(args: &Args) -> Outcome {
         proxy_triangles: args.proxy_triangles,
         dicing: args.level.map(Dicing::Level).or(args.tolerance.map(Dicing::Tolerance)),
         subdivide: args.subdivide,
-        displacement: args.displace.clone().map(|path| HeightMap { path, scale: args.scale }),
+        displacement: args.displace.clone().map(|path| HeightMap { path, scale: args.scale.unwrap_or(1.0) }),
     };
     let progress = Arc::new(Progress::default());
     let mut builder = Builder::new(options, Arc::clone(&progress), cancel)?;

@@ -2,6 +2,7 @@
 
 use super::tags::Tags;
 use crate::base::error::{Error, Place, Result};
+use crate::base::memory;
 use crate::base::progress::Cancel;
 use crate::geom::surface::cage::{CageDesc, Displacement};
 use crate::geom::surface::displacement::Heights;
@@ -72,7 +73,7 @@ impl Cage {
 fn heights(path: &Path, options: &ReadOptions, cancel: &Cancel) -> Result<Heights> {
     let mut input = Input::open(path)?;
     input.stamp().report(&options.inputs);
-    let mut bytes = vec![0; input.total() as usize];
+    let mut bytes = memory::zeroed(input.total() as usize, "a map of heights")?;
     if !input.read_range(0, &mut bytes)? {
         return Err(input.fault("the file ends before its length"));
     }

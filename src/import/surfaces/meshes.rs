@@ -5,7 +5,7 @@ use crate::base::progress::Cancel;
 use crate::geom::surface::cage::{Cage, CageDesc, CageQuads, Displacement};
 pub use crate::geom::surface::dice::{Dicing, MOST_LEVEL};
 use crate::geom::surface::dice::{Micro, dice};
-use crate::geom::surface::nurbs::{Nurbs, NurbsDesc, NurbsQuads};
+use crate::geom::surface::nurbs::{MAX_COORDINATE, Nurbs, NurbsDesc, NurbsQuads};
 use glam::DVec3;
 use std::path::PathBuf;
 
@@ -49,8 +49,10 @@ impl CageMesh<'_> {
         if self.parts.len() != faces && self.parts.len() != 1 {
             return Err(Error::BadArgument(format!("cage: {faces} faces, but {} parts", self.parts.len())));
         }
-        if let Some(i) = self.positions.iter().position(|it| !it.is_finite()) {
-            return Err(Error::BadArgument(format!("cage: vertex {i} is not finite")));
+        let is_wrong = |it: &DVec3| it.is_nan() || it.abs().max_element() > MAX_COORDINATE;
+        if let Some(i) = self.positions.iter().position(is_wrong) {
+            let why = format!("cage: vertex {i} (from 0) is not finite, or exceeds {MAX_COORDINATE:e}");
+            return Err(Error::BadArgument(why));
         }
         let cage = Cage::new(&self.desc, self.positions.len())?;
         let part = |face: u32| self.parts[if self.parts.len() == 1 { 0 } else { face as usize }];

@@ -3,6 +3,7 @@
 use super::meshes::NurbsMesh;
 use super::{SurfaceData, bpt, trimmed_nurbs};
 use crate::base::error::{Error, Place, Result};
+use crate::base::memory;
 use crate::import::access::Files;
 use crate::import::input::Input;
 use crate::import::{MeshKey, PartDesc, Sink, stem};
@@ -25,7 +26,7 @@ pub(crate) fn read(input: &mut Input, kind: Kind, files: &Files<'_>, sink: &mut 
     if !claim.grow(total.saturating_mul(BYTES)) {
         return Err(claim.over(0.0, 0, format!("reading the surfaces of {}", path.display())));
     }
-    let mut text = vec![0; total as usize];
+    let mut text = memory::zeroed(total as usize, "the text of surfaces")?;
     if !input.read_range(0, &mut text)? {
         return Err(input.fault("the file ends before its length"));
     }

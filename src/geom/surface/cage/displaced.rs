@@ -25,12 +25,21 @@ const TEXELS: f64 = 4.0;
 /// Highest level that is dictated by that.
 const LEAST: u32 = 9;
 
+/// Greatest magnitude of a height: that of coordinates.
+const MOST_HEIGHT: f64 = 1e30;
+
 impl Displacement<'_> {
     /// Fails with `BadArgument`, which names the face or corner, if numbers do not match or are not finite.
     pub(super) fn check(&self, cage: &Cage) -> Result<()> {
         let bad = |why: String| Err(Error::BadArgument(format!("displacement: {why}")));
         if !self.scale.is_finite() {
             return bad(format!("scale {} is not finite", self.scale));
+        }
+        let most = (0..self.heights.count())
+            .flat_map(|map| self.heights.range(map, [[0.0, 1.0]; 2]))
+            .map(|height| (height * self.scale).abs());
+        if most.fold(0.0, f64::max) > MOST_HEIGHT {
+            return bad(format!("heights times the scale exceed {MOST_HEIGHT:e}"));
         }
         let (faces, corners, maps) = (cage.face_count(), cage.topology.corners.len(), self.heights.count());
         if self.coordinates.is_empty() {

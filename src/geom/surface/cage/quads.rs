@@ -82,6 +82,10 @@ impl Quads for CageQuads<'_> {
         }
     }
 
+    fn is_rough(&self) -> bool {
+        self.displacement.is_some()
+    }
+
     fn least_level(&self, quad: usize) -> u32 {
         let ([face, corner], _) = self.place(quad, 0.0, 0.0);
         let of_face = self.displacement.map_or(0, |it| it.least_level(self.cage, face, corner));

@@ -5,14 +5,21 @@ use crate::base::error::Result;
 use crate::base::progress::Cancel;
 use glam::DVec3;
 
-/// See the module.
+/// The vertices of a surface, and the levels and quads of its edges.
 pub struct Edges {
     vertices: Vec<DVec3>,
     levels: Vec<u8>,
-    /// Index of the first inner point of each edge.
-    firsts: Vec<usize>,
-    /// The inner points of all edges.
-    points: Vec<DVec3>,
+    /// Index of the first use of each edge, and their number.
+    firsts: Vec<u32>,
+    uses: Vec<Use>,
+}
+
+/// A side of a quad, as a use of an edge.
+#[derive(Clone, Copy, Default)]
+struct Use {
+    quad: u32,
+    which: u8,
+    is_reversed: bool,
 }
 
 /// The corners at the ends of each side.
@@ -28,29 +35,57 @@ pub fn on_side(side: usize, t: f64) -> (f64, f64) {
     }
 }
 
+impl Use {
+    /// The point at parameter `t` of the edge.
+    fn point<Q: Quads>(self, surface: &Q, t: f64) -> DVec3 {
+        let (u, v) = on_side(self.which.into(), if self.is_reversed { 1.0 - t } else { t });
+        surface.sample(self.quad as usize, u, v).position
+    }
+}
+
 impl Edges {
-    /// Those of all quads. Fails with `Cancelled`.
-    pub fn of<Q: Quads>(surface: &Q, dicing: Dicing, cancel: &Cancel) -> Result<Self> {
-        let levels = levels_of(surface, dicing, cancel)?;
-        let mut firsts = Vec::with_capacity(levels.len() + 1);
-        let mut count = 0;
-        for level in &levels {
-            firsts.push(count);
-            count += (1usize << level) - 1;
+    /// Those of all quads, and the dicing that their coordinates allow. Fails with `Cancelled`.
+    pub fn of<Q: Quads>(surface: &Q, dicing: Dicing, cancel: &Cancel) -> Result<(Self, Dicing)> {
+        let vertices = means_of_corners(surface, cancel)?;
+        // Distances below some roundings of the coordinates are noise that no level makes smaller.
+        let greatest = vertices.iter().map(|it| it.abs().max_element()).fold(0.0, f64::max);
+        let dicing = dicing.at_least(ROUNDINGS * f64::EPSILON * greatest);
+        let mut firsts = vec![0u32; surface.edges() + 1];
+        each_side(surface, cancel, |_, _, side| firsts[side.edge as usize + 1] += 1)?;
+        for i in 1..firsts.len() {
+            firsts[i] += firsts[i - 1];
         }
-        let mut edges =
-            Self { vertices: means_of_corners(surface, cancel)?, levels, firsts, points: vec![DVec3::ZERO; count] };
-        let mut shares = vec![0u32; edges.levels.len()];
-        each_side(surface, cancel, |_, _, side| shares[side.edge as usize] += 1)?;
+        let mut next = firsts.clone();
+        let mut uses = vec![Use::default(); firsts.last().copied().unwrap_or(0) as usize];
         each_side(surface, cancel, |quad, which, side| {
-            let (first, count) = edges.inner(side.edge);
-            for i in 0..count {
-                let t = parameter(side, i + 1, count + 1);
-                let (u, v) = on_side(which, t);
-                edges.points[first + i] += surface.sample(quad, u, v).position / f64::from(shares[side.edge as usize]);
-            }
+            let at = &mut next[side.edge as usize];
+            uses[*at as usize] = Use { quad: quad as u32, which: which as u8, is_reversed: side.is_reversed };
+            *at += 1;
         })?;
-        Ok(edges)
+        let mut edges = Self { vertices, levels: vec![0; surface.edges()], firsts, uses };
+        edges.find_levels(surface, dicing, cancel)?;
+        Ok((edges, dicing))
+    }
+
+    /// Finds the level of each edge: the highest that any of its quads requires.
+    fn find_levels<Q: Quads>(&mut self, surface: &Q, dicing: Dicing, cancel: &Cancel) -> Result<()> {
+        for edge in 0..self.levels.len() as u32 {
+            cancel.check()?;
+            let of_use = |it: &Use| {
+                let [from, to] = ENDS[usize::from(it.which)].map(|end| surface.corners(it.quad as usize)[end]);
+                if from == to {
+                    return 0;
+                }
+                let least = surface.least_level(it.quad as usize);
+                levels::of_edge(&|t| it.point(surface, t), least, dicing)
+            };
+            self.levels[edge as usize] = self.uses_of(edge).iter().map(of_use).max().unwrap_or(0) as u8;
+        }
+        Ok(())
+    }
+
+    fn uses_of(&self, edge: u32) -> &[Use] {
+        &self.uses[self.firsts[edge as usize] as usize..self.firsts[edge as usize + 1] as usize]
     }
 
     /// The level of an edge.
@@ -63,22 +98,26 @@ impl Edges {
         self.vertices[vertex as usize]
     }
 
-    /// Inner point `i`, from 1 on, along a quad's side.
-    pub fn point(&self, side: Side, i: usize) -> DVec3 {
-        let (first, count) = self.inner(side.edge);
-        self.points[first + if side.is_reversed { count - i } else { i - 1 }]
-    }
-
-    /// Index of the first inner point, and their number.
-    fn inner(&self, edge: u32) -> (usize, usize) {
-        (self.firsts[edge as usize], (1 << self.level(edge)) - 1)
+    /// The points between the ends of a side, in the direction of the quad's parameter: the means of those of all quads
+    /// at the edge. They are computed in the order of these quads, hence have the same bits for each of them.
+    pub fn points<Q: Quads>(&self, surface: &Q, side: Side) -> Vec<DVec3> {
+        let (uses, count) = (self.uses_of(side.edge), 1usize << self.level(side.edge));
+        let mut points = vec![DVec3::ZERO; count - 1];
+        for it in uses {
+            for (i, point) in points.iter_mut().enumerate() {
+                *point += it.point(surface, (i + 1) as f64 / count as f64);
+            }
+        }
+        points.iter_mut().for_each(|it| *it /= uses.len() as f64);
+        if side.is_reversed {
+            points.reverse();
+        }
+        points
     }
 }
 
-/// The parameter of a quad at point `i` of `count` segments of an edge.
-fn parameter(side: Side, i: usize, count: usize) -> f64 {
-    (if side.is_reversed { count - i } else { i }) as f64 / count as f64
-}
+/// Number of roundings of the greatest coordinate below which distances are noise.
+const ROUNDINGS: f64 = 16.0;
 
 fn each_side<Q: Quads>(surface: &Q, cancel: &Cancel, mut each: impl FnMut(usize, usize, Side)) -> Result<()> {
     for quad in 0..surface.count() {
@@ -86,30 +125,6 @@ fn each_side<Q: Quads>(surface: &Q, cancel: &Cancel, mut each: impl FnMut(usize,
         surface.sides(quad).into_iter().enumerate().for_each(|(which, side)| each(quad, which, side));
     }
     Ok(())
-}
-
-/// The level of each edge, by the first quad that has it.
-fn levels_of<Q: Quads>(surface: &Q, dicing: Dicing, cancel: &Cancel) -> Result<Vec<u8>> {
-    const UNKNOWN: u8 = u8::MAX;
-    let mut levels = vec![UNKNOWN; surface.edges()];
-    each_side(surface, cancel, |quad, which, side| {
-        let level = &mut levels[side.edge as usize];
-        if *level == UNKNOWN {
-            let [from, to] = ENDS[which].map(|end| surface.corners(quad)[end]);
-            if from == to {
-                *level = 0;
-                return;
-            }
-            let at = |t: f64| {
-                let (u, v) = on_side(which, t);
-                surface.sample(quad, u, v).position
-            };
-            *level = levels::of_edge(&at, surface.least_level(quad), dicing) as u8;
-        }
-    })?;
-    // Edges of no quad.
-    levels.iter_mut().filter(|it| **it == UNKNOWN).for_each(|it| *it = 0);
-    Ok(levels)
 }
 
 fn means_of_corners<Q: Quads>(surface: &Q, cancel: &Cancel) -> Result<Vec<DVec3>> {

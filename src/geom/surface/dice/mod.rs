@@ -25,8 +25,9 @@ pub const MOST_LEVEL: u32 = 12;
 pub enum Dicing {
     /// Each quad has 2^level segments along each side.
     Level(u32),
-    /// The sampled distance between surface and triangles is about this at most, in units of the surface. Sides have at
-    /// most 2^[`MOST_LEVEL`] segments.
+    /// The sampled distance between surface and triangles is about this at most, in units of the surface, or some
+    /// roundings of its coordinates. Sides have at most 2^[`MOST_LEVEL`] segments. Where the quads at an edge differ, as
+    /// displaced ones do at creases, the cells beside the edge bend to the mean and are farther off.
     Tolerance(f64),
 }
 
@@ -41,6 +42,14 @@ impl Dicing {
                 Err(Error::bad_argument("tolerance must be finite and above 0"))
             }
             _ => Ok(()),
+        }
+    }
+
+    /// A tolerance is at least `least`.
+    fn at_least(self, least: f64) -> Self {
+        match self {
+            Self::Tolerance(tolerance) => Self::Tolerance(tolerance.max(least)),
+            level => level,
         }
     }
 }
@@ -81,6 +90,10 @@ pub trait Quads {
     fn least_level(&self, _quad: usize) -> u32 {
         0
     }
+    /// True if some cells of a quad tell nothing of those between them.
+    fn is_rough(&self) -> bool {
+        false
+    }
 }
 
 /// Triangles of a quad.
@@ -103,7 +116,7 @@ impl Micro {
 /// counter-clockwise along the normals. Fails with its errors, with `BadArgument` as [`Dicing::check`], and with
 /// `Cancelled`.
 ///
-/// Memory is that of the points on all edges (24 bytes each).
+/// Memory is that of the vertices (24 bytes each), of the edges (some 30), and of two rows of a quad.
 pub fn dice<Q: Quads>(
     surface: &Q,
     dicing: Dicing,
@@ -111,7 +124,7 @@ pub fn dice<Q: Quads>(
     emit: &mut dyn FnMut(usize, &Micro) -> Result<()>,
 ) -> Result<()> {
     dicing.check()?;
-    let edges = Edges::of(surface, dicing, cancel)?;
+    let (edges, dicing) = Edges::of(surface, dicing, cancel)?;
     let mut micro = Micro::default();
     (0..surface.count()).try_for_each(|at| quad::dice((surface, at), (dicing, &edges), cancel, &mut micro, emit))
 }

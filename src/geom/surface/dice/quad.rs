@@ -24,7 +24,8 @@ pub fn dice<Q: Quads>(
     micro: &mut Micro,
     emit: &mut dyn FnMut(usize, &Micro) -> Result<()>,
 ) -> Result<()> {
-    let least = surface.sides(quad).into_iter().map(|side| edges.level(side.edge)).fold(0, u32::max);
+    let sides = surface.sides(quad);
+    let least = sides.into_iter().map(|side| edges.level(side.edge)).fold(0, u32::max);
     let count = 1 << levels::of_quad(surface, quad, least, dicing);
     let grid = Grid { surface, quad, edges, count };
     let [mut below, top, left, right] = [0, 1, 2, 3].map(|which| grid.side(which));
@@ -57,16 +58,13 @@ impl<Q: Quads> Grid<'_, Q> {
     fn side(&self, which: usize) -> Vec<Sample> {
         let (side, corners) = (self.surface.sides(self.quad)[which], self.surface.corners(self.quad));
         let own = 1usize << self.edges.level(side.edge);
-        let point = |i: usize| {
+        let [from, to] = ENDS[which].map(|end| self.edges.vertex(corners[end]));
+        let positions = [from].into_iter().chain(self.edges.points(self.surface, side)).chain([to]);
+        let point = |(i, position)| {
             let (u, v) = on_side(which, i as f64 / own as f64);
-            let position = match i {
-                0 => self.edges.vertex(corners[ENDS[which][0]]),
-                i if i == own => self.edges.vertex(corners[ENDS[which][1]]),
-                i => self.edges.point(side, i),
-            };
             Sample { position, ..self.surface.sample(self.quad, u, v) }
         };
-        let (points, step) = ((0..=own).map(point).collect::<Vec<_>>(), self.count / own);
+        let (points, step) = (positions.enumerate().map(point).collect::<Vec<_>>(), self.count / own);
         (0..=self.count).map(|i| points[(i + step / 2) / step]).collect()
     }
 }

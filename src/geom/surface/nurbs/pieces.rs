@@ -46,6 +46,11 @@ impl Nurbs {
         (0..rows).flat_map(move |i| (0..columns).map(move |j| self.piece([i, j])))
     }
 
+    /// First and last parameter of a piece in a direction.
+    pub(super) fn piece_domain(&self, axis: usize, at: usize) -> [f64; 2] {
+        self.knots[axis].ends(self.knots[axis].span(at))
+    }
+
     /// The parts of all Bézier patches within a rectangle of parameters, v fastest. Those that would be empty are left
     /// out.
     pub fn pieces_within(&self, domain: [[f64; 2]; 2]) -> impl Iterator<Item = BezierPatch> + '_ {
