@@ -82,9 +82,9 @@ impl<'a> NurbsQuads<'a> {
         let grid = (self.line_counts[0] * self.line_counts[1]) as u32;
         // Borders that meet, in a corner or where the surface is closed, are one point.
         let meets = |a: usize, b: usize| is_point[a] && is_point[b] && (a / 2 != b / 2 || is_closed[1 - a / 2]);
-        for border in 0..4 {
+        for (border, is_point) in is_point.into_iter().enumerate() {
             let before = (0..border).find(|before| meets(*before, border));
-            let own = is_point[border].then_some(grid + border as u32);
+            let own = is_point.then_some(grid + border as u32);
             self.points[border] = before.and_then(|before| self.points[before]).or(own);
         }
     }
