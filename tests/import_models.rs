@@ -78,8 +78,6 @@ const REFUSED: &[(&str, &[&str])] = &[
     ("architecture/conference.mtl", &["material library"]),
     ("nurbs/as1-oc-214.stp", &["STEP"]),
     ("nurbs/mech_part_a.3dm", &["3DM"]),
-    ("nurbs/teapot.bpt", &["not a mesh file"]),
-    ("nurbs/as1-oc-214.trimmed_nurbs.json", &["JSON", "not glTF"]),
     ("subdivision/cube_depth.png", &["PNG"]),
     ("README.md", &["not a mesh file"]),
     ("scans", &["directory"]),
