@@ -450,8 +450,8 @@ typedef struct oc_build_desc {
      * Limit in bytes of the memory that the build takes, at least 32 MiB. Data that does not fit goes to temporary
      * files. Names, parts, instances and one texture may take 64 MiB more. If names, parts and instances do not fit,
      * the job fails with OC_STATUS_OVER_BUDGET and names a budget that suffices for them; a texture that does not fit
-     * is left out with a note. Not included: vertices of OBJ files, colours of PLY vertices, buffers of glTF files. 0:
-     * no limit.
+     * is left out with a note. Not included: vertices of OBJ files, colours of PLY vertices, buffers of glTF files,
+     * cages and maps of heights. 0: no limit.
      */
     uint64_t memory_budget;
     /**
@@ -2770,15 +2770,17 @@ oc_status oc_build_add_triangles(struct oc_build *build,
  * - `cage`: the arrays are copied.
  *
  * Errors:
- * - OC_STATUS_INVALID_ARGUMENT: a face has fewer than three corners or one vertex twice; an index is out of range; a
- *   crease is on no edge; a sharpness is negative or NaN; a vertex is not finite; the part or mesh was not added; a
- *   count or stride is wrong; a height or coordinate of the displacement is not finite. The message names the face,
- *   edge or vertex. Nothing was added.
+ * - OC_STATUS_INVALID_ARGUMENT: a face has fewer than three corners, or more than 4096; a vertex has more than 4096
+ *   faces or edges; an index is out of range; a crease is on no edge; a sharpness is negative or NaN; a vertex is not
+ *   finite, or beyond 1e30; the part or mesh was not added; a count or stride is wrong; a height or coordinate of the
+ *   displacement is not finite. The message names the face, edge or vertex, counted from 0. Nothing was added.
  * - OC_STATUS_INVALID_ARGUMENT, OC_STATUS_OVER_LIMIT: the model would hold 2^32 - 1 triangles or more, or more than
  *   oc_build_desc.max_triangles. The first of them may have been added.
  * - OC_STATUS_INVALID_STATE: after oc_build_start.
  * - OC_STATUS_IO: as for oc_build_add_triangles.
  *
+ * Memory: the cage, its patches and the map are not in the budget of the build: some hundred bytes for each face, more
+ * at faces with irregular vertices or creases.
  * Thread safety: any thread. Blocks while it dices.
  */
 OC_API

@@ -104,8 +104,8 @@ pub struct oc_build_desc {
     /// Limit in bytes of the memory that the build takes, at least 32 MiB. Data that does not fit goes to temporary
     /// files. Names, parts, instances and one texture may take 64 MiB more. If names, parts and instances do not fit,
     /// the job fails with OC_STATUS_OVER_BUDGET and names a budget that suffices for them; a texture that does not fit
-    /// is left out with a note. Not included: vertices of OBJ files, colours of PLY vertices, buffers of glTF files, cages and maps of heights. 0:
-    /// no limit.
+    /// is left out with a note. Not included: vertices of OBJ files, colours of PLY vertices, buffers of glTF files,
+    /// cages and maps of heights. 0: no limit.
     pub memory_budget: u64,
     /// Folder for temporary files. NULL: the system's (`TMPDIR`, if it is set). The folder is not accessed before the
     /// first temporary file is written.

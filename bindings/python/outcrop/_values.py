@@ -120,8 +120,8 @@ class BuildOptions(Value):
     """Limit in bytes of the memory that the build takes, at least 32 MiB. Data that does not fit goes to temporary
     files. Names, parts, instances and one texture may take 64 MiB more. If names, parts and instances do not fit,
     the job fails with Status.OVER_BUDGET and names a budget that suffices for them; a texture that does not fit
-    is left out with a note. Not included: vertices of OBJ files, colours of PLY vertices, buffers of glTF files.
-    0: no limit.
+    is left out with a note. Not included: vertices of OBJ files, colours of PLY vertices, buffers of glTF files,
+    cages and maps of heights. 0: no limit.
     """
     temp_dir: str | None = None
     """Folder for temporary files. NULL: the system's (`TMPDIR`, if it is set). The folder is not accessed before the

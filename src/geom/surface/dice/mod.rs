@@ -26,8 +26,8 @@ pub enum Dicing {
     /// Each quad has 2^level segments along each side.
     Level(u32),
     /// The sampled distance between surface and triangles is about this at most, in units of the surface, or some
-    /// roundings of its coordinates. Sides have at most 2^[`MOST_LEVEL`] segments. Where the quads at an edge differ, as
-    /// displaced ones do at creases, the cells beside the edge bend to the mean and are farther off.
+    /// roundings of its coordinates. Sides have at most 2^[`MOST_LEVEL`] segments. Where the quads at an edge differ,
+    /// as displaced ones do at creases, the cells beside the edge bend to the mean and are farther off.
     Tolerance(f64),
 }
 

@@ -29,8 +29,8 @@ pub struct NurbsQuads<'a> {
 }
 
 impl<'a> NurbsQuads<'a> {
-    /// The quads of a surface, or of the part of it over a rectangle of parameters, in u and in v. There are none if that
-    /// is empty.
+    /// The quads of a surface, or of the part of it over a rectangle of parameters, in u and in v. There are none if
+    /// that is empty.
     pub fn new(surface: &'a Nurbs, domain: Option<[[f64; 2]; 2]>) -> Self {
         let (domain, counts) = (domain.unwrap_or(surface.domain()), surface.piece_counts());
         let along = |axis: usize| {
