@@ -69,30 +69,28 @@ fn groups(context: &Context, forest: &Forest, camera: &Camera, poe: f32) -> (Vec
 #[test]
 fn tinted_groups_stand_in_between_their_colours() {
     let context = built::context(2);
-    for of_tiles in [false, true] {
-        let forest = forest(&context, of_tiles);
-        let plain = Forest::around(&context, DVec3::ZERO);
-        for (away, poe) in [(3.0, 40.0)] {
-            let camera = view(&forest, away);
-            let ((hits, tinted), without) =
-                (groups(&context, &forest, &camera, poe), groups(&context, &plain, &camera, poe).1);
-            assert!(tinted > 100 && 10 * tinted > 9 * without, "{tinted} pixels show groups, without tints {without}");
-            let state = forest.scene.state();
-            let shown = colours(&context, &state, &camera, poe, 1);
-            for (hit, [r, g, b]) in hits.iter().zip(&shown).filter(|it| is_group(it.0)) {
-                // White in the light, times a mean of the tints: red and green are together six times the blue.
-                let sum = (r + g) / 6.0;
-                assert!((b - sum).abs() <= 0.05 * sum + 0.01, "{hit:?}: {r} {g} {b}");
-                let (low, high) = (r.min(*g), r.max(*g));
-                assert!(low >= 0.9 * b - 0.01 && high <= 5.3 * b + 0.02, "{hit:?}: {r} {g} {b}");
-            }
-            let all = shares(&colours(&context, &state, &camera, poe, 2));
-            let exact = shares(&colours(&context, &state, &camera, 0.0, 2));
-            println!("tiles: {of_tiles}, PoE {poe}: {tinted} pixels of groups; shown {all:.3?}, exact {exact:.3?}");
-            for (all, exact) in all.iter().zip(exact) {
-                assert!((all / exact - 1.0).abs() < 0.05, "{all} {exact}");
-            }
-        }
+    let forest = forest(&context, false);
+    let plain = Forest::around(&context, DVec3::ZERO);
+    let (away, poe) = (3.0, 40.0);
+    let camera = view(&forest, away);
+    let ((hits, tinted), without) = (groups(&context, &forest, &camera, poe), groups(&context, &plain, &camera, poe).1);
+    assert!(tinted > 100 && 10 * tinted > 9 * without, "{tinted} pixels show groups, without tints {without}");
+    let state = forest.scene.state();
+    let shown = colours(&context, &state, &camera, poe, 1);
+    for (hit, [r, g, b]) in hits.iter().zip(&shown).filter(|it| is_group(it.0)) {
+        // White in the light, times a mean of the tints: red and green are together six times the blue.
+        let sum = (r + g) / 6.0;
+        assert!((b - sum).abs() <= 0.05 * sum + 0.01, "{hit:?}: {r} {g} {b}");
+        let (low, high) = (r.min(*g), r.max(*g));
+        assert!(low >= 0.9 * b - 0.01 && high <= 5.3 * b + 0.02, "{hit:?}: {r} {g} {b}");
+    }
+    let all = shares(&colours(&context, &state, &camera, poe, 2));
+    let exact = shares(&colours(&context, &state, &camera, 0.0, 2));
+    println!("PoE {poe}: {tinted} pixels of groups; shown {all:.3?}, exact {exact:.3?}");
+    // Blue is the same part of each tint; the others depend on the trees that are seen most. Without tints in
+    // the cells, all would be a third.
+    for ((all, exact), most) in all.iter().zip(exact).zip([0.15, 0.15, 0.05]) {
+        assert!((all / exact - 1.0).abs() < most, "{all} {exact}");
     }
 }
 
