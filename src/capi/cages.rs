@@ -3,7 +3,7 @@
 use super::build::{Input, oc_build, with_input};
 use super::guard::{Checked, Sized32, Strided, bad, boundary, read};
 use super::status::oc_status;
-use super::triangles::{OC_SCALAR_F32, OC_SCALAR_F64, oc_scalar};
+use super::triangles::{Positions, oc_scalar};
 use crate::import::surfaces::{Boundary, CageDesc, Creasing, Displacement, Heights, TriangleRule, Wrap};
 use crate::import::{CageMesh, MeshKey, Sink};
 use glam::DVec3;
@@ -164,8 +164,10 @@ impl Arrays {
                 true => vec![4; cage.face_count as usize],
                 false => Strided::copied(cage.face_sizes, cage.face_count, "oc_cage.face_sizes")?,
             };
+            let (count, stride) = (cage.position_count, cage.position_stride);
+            let positions = Positions::new(cage.positions, cage.scalar, (count, stride), "oc_cage")?;
             Ok(Self {
-                positions: positions(cage)?,
+                positions: (0..positions.count()).map(|i| positions.get(i)).collect(),
                 face_sizes,
                 indices,
                 creases: ends.into_iter().zip(sharpness).map(|([a, b], sharp)| (a, b, sharp)).collect(),
@@ -173,28 +175,6 @@ impl Arrays {
                 holes: Strided::copied(cage.holes, cage.hole_count, "oc_cage.holes")?,
             })
         }
-    }
-}
-
-/// Copies the vertices.
-///
-/// # Safety
-/// They are readable.
-unsafe fn positions(cage: &oc_cage) -> Checked<Vec<DVec3>> {
-    let (count, stride, name) = (cage.position_count, cage.position_stride, "oc_cage.positions");
-    let all = 0..usize::try_from(count).unwrap_or(usize::MAX);
-    match cage.scalar {
-        OC_SCALAR_F32 => {
-            let array: Strided<[f32; 3]> = Strided::new(cage.positions.cast(), count, stride, name)?;
-            // SAFETY: the caller's contract.
-            Ok(all.map(|i| DVec3::from_array(unsafe { array.get(i) }.map(f64::from))).collect())
-        }
-        OC_SCALAR_F64 => {
-            let array: Strided<[f64; 3]> = Strided::new(cage.positions.cast(), count, stride, name)?;
-            // SAFETY: the caller's contract.
-            Ok(all.map(|i| DVec3::from_array(unsafe { array.get(i) })).collect())
-        }
-        other => bad(format!("oc_cage.scalar {other} is unknown")),
     }
 }
 

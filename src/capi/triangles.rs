@@ -72,9 +72,45 @@ unsafe impl Sized32 for oc_triangles {
     const FIRST_SIZE: usize = std::mem::offset_of!(oc_triangles, normals);
 }
 
-enum Positions {
+/// Positions in the caller's memory.
+pub(super) enum Positions {
     F32(Strided<[f32; 3]>),
     F64(Strided<[f64; 3]>),
+}
+
+impl Positions {
+    /// Checks the array. `of` names the struct.
+    pub fn new(array: *const c_void, scalar: oc_scalar, (count, stride): (u64, u64), of: &str) -> Checked<Self> {
+        let name = format!("{of}.positions");
+        match scalar {
+            OC_SCALAR_F32 => Ok(Self::F32(Strided::new(array.cast(), count, stride, &name)?)),
+            OC_SCALAR_F64 => Ok(Self::F64(Strided::new(array.cast(), count, stride, &name)?)),
+            other => bad(format!("{of}.scalar {other} is unknown")),
+        }
+    }
+
+    /// Their number.
+    pub fn count(&self) -> usize {
+        match self {
+            Self::F32(all) => all.count,
+            Self::F64(all) => all.count,
+        }
+    }
+
+    /// Reads one.
+    ///
+    /// # Safety
+    /// `index` is below their number; the caller's array is readable.
+    #[inline]
+    pub unsafe fn get(&self, index: usize) -> DVec3 {
+        // SAFETY: the caller's contract.
+        unsafe {
+            match self {
+                Self::F32(all) => DVec3::from_array(all.get(index).map(f64::from)),
+                Self::F64(all) => DVec3::from_array(all.get(index)),
+            }
+        }
+    }
 }
 
 enum Indices {
@@ -95,13 +131,8 @@ struct Soup {
 
 impl Soup {
     fn new(t: &oc_triangles) -> Checked<Self> {
-        let name = "oc_triangles.positions";
-        let (count, stride) = (t.position_count, t.position_stride);
-        let positions = match t.scalar {
-            OC_SCALAR_F32 => Positions::F32(Strided::new(t.positions.cast(), count, stride, name)?),
-            OC_SCALAR_F64 => Positions::F64(Strided::new(t.positions.cast(), count, stride, name)?),
-            other => return bad(format!("oc_triangles.scalar {other} is unknown")),
-        };
+        let count = t.position_count;
+        let positions = Positions::new(t.positions, t.scalar, (count, t.position_stride), "oc_triangles")?;
         let name = "oc_triangles.indices";
         let (indices, corners) = match t.index {
             OC_INDEX_NONE if t.indices.is_null() && t.index_count == 0 => (Indices::None, count),
@@ -155,13 +186,7 @@ impl Soup {
     #[inline]
     unsafe fn position(&self, corner: usize) -> DVec3 {
         // SAFETY: the caller's contract.
-        unsafe {
-            let index = self.index(corner) as usize;
-            match &self.positions {
-                Positions::F32(p) => DVec3::from_array(p.get(index).map(f64::from)),
-                Positions::F64(p) => DVec3::from_array(p.get(index)),
-            }
-        }
+        unsafe { self.positions.get(self.index(corner) as usize) }
     }
 
     /// Refuses indices that are out of range, before any triangle is added.

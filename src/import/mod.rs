@@ -113,6 +113,11 @@ impl<'a> Attributes<'a> {
         Self { colours: Some(colours), ..Self::NONE }
     }
 
+    /// Normals, and no other values.
+    pub fn normals(normals: &'a [[Vec3; 3]]) -> Self {
+        Self { normals: Some(normals), ..Self::NONE }
+    }
+
     /// Fails unless there is an entry for each of `count` triangles.
     pub fn check(&self, count: usize) -> Result<()> {
         let is_wrong = |len: Option<usize>| len.is_some_and(|len| len != count);
@@ -165,16 +170,14 @@ pub trait Sink {
     fn cage(&mut self, mesh: MeshKey, cage: &CageMesh<'_>) -> Result<()> {
         let (dicing, cancel) = (self.dicing(), self.cancel().clone());
         cage.dice(dicing, &cancel, &mut |part, micro| {
-            let normals = Attributes { normals: Some(&micro.normals), ..Attributes::NONE };
-            self.triangles(mesh, part, &micro.positions, normals)
+            self.triangles(mesh, part, &micro.positions, Attributes::normals(&micro.normals))
         })
     }
     /// Adds a NURBS surface, likewise.
     fn nurbs(&mut self, mesh: MeshKey, surface: &NurbsMesh<'_>) -> Result<()> {
         let (dicing, cancel) = (self.dicing(), self.cancel().clone());
         surface.dice(dicing, &cancel, &mut |part, micro| {
-            let normals = Attributes { normals: Some(&micro.normals), ..Attributes::NONE };
-            self.triangles(mesh, part, &micro.positions, normals)
+            self.triangles(mesh, part, &micro.positions, Attributes::normals(&micro.normals))
         })
     }
     /// Reports the position of the reader in the current input, in bytes, and the total.

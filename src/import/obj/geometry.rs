@@ -80,7 +80,7 @@ struct Corner {
 pub(crate) fn read(input: &mut Input, parts: &mut Parts<'_>, options: &ReadOptions, sink: &mut dyn Sink) -> Result<()> {
     let is_displaced = options.subdivide && options.displacement.is_some();
     let mut reader = Reader {
-        coordinates: (is_displaced || parts.have_textures()).then(Vec::new),
+        coordinates: (is_displaced || !options.subdivide && parts.have_textures()).then(Vec::new),
         is_displaced,
         parts,
         positions: Vec::new(),
@@ -218,7 +218,7 @@ impl Reader<'_, '_> {
             self.batch.aim(MeshKey::DIRECT, target.part, target.colour, sink)?;
             self.part = target.part;
             self.texture = None;
-            if let Some(painted) = target.texture {
+            if let Some(painted) = target.texture.filter(|_| self.cage.is_none()) {
                 self.texture = Some((painted, self.parts.textures.get(&painted.used)?));
             }
             self.runs += 1;

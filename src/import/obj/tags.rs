@@ -49,6 +49,9 @@ impl<'a> Arguments<'a> {
         });
         let mut next = || parts.next().unwrap_or(Ok(0));
         let [integers, numbers, words] = [next()?, next()?, next()?];
+        if counts.split(|&b| b == b'/').count() > 3 {
+            return Err(format!("{} are not the counts of a tag's arguments", text::shown(counts)).into());
+        }
         let mut all = Self { integers: Vec::new(), numbers: Vec::new(), words: Vec::new() };
         for _ in 0..integers {
             let word = text::word(&mut rest).ok_or("a tag has fewer integers than stated")?;
@@ -60,6 +63,10 @@ impl<'a> Arguments<'a> {
         }
         for _ in 0..words {
             all.words.push(text::word(&mut rest).ok_or("a tag has fewer words than stated")?);
+        }
+        match text::word(&mut rest) {
+            Some(word) if !word.starts_with(b"#") => return Err("a tag has more arguments than stated".into()),
+            _ => {}
         }
         Ok(all)
     }
@@ -82,6 +89,9 @@ impl Tags {
             b"crease" => {
                 let all = Arguments::read(rest)?;
                 let count = all.integers.len().saturating_sub(1);
+                if count == 0 {
+                    return Err("a crease needs two vertices".into());
+                }
                 for (i, ends) in all.integers.windows(2).enumerate() {
                     self.creases.push((ends[0], ends[1], all.sharpness(i, count)?));
                 }
@@ -165,6 +175,9 @@ mod tests {
             ("crease 3/1/0 0 1", "fewer integers"),
             ("crease 2/1/0 0 1", "fewer numbers"),
             ("crease 4/2/0 0 1 2 3 1 2", "2 values"),
+            ("crease 1/1/0 0 2", "two vertices"),
+            ("crease 2/1/0 0 1 2 3", "more arguments"),
+            ("corner 1/1/0/7 0 2", "counts"),
             ("corner x/1/0 0", "counts"),
             ("corner 999999999999/1/0 0", "counts"),
             ("creasemethod 0/0/1", "fewer words"),

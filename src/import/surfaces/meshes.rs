@@ -6,6 +6,7 @@ use crate::geom::surface::cage::{Cage, CageDesc, CageQuads, Displacement};
 pub use crate::geom::surface::dice::{Dicing, MOST_LEVEL};
 use crate::geom::surface::dice::{Micro, dice};
 use crate::geom::surface::nurbs::{MAX_COORDINATE, Nurbs, NurbsDesc, NurbsQuads};
+use crate::math::DBounds;
 use glam::DVec3;
 use std::path::PathBuf;
 
@@ -112,9 +113,8 @@ fn or_default(dicing: Option<Dicing>, extent: f64) -> Dicing {
     dicing.unwrap_or(Dicing::Tolerance((extent * TOLERANCE).max(f64::MIN_POSITIVE)))
 }
 
-/// The greatest extent of points.
-fn extent(points: &[DVec3]) -> f64 {
-    let all = points.iter();
-    let (low, high) = all.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(a, b), p| (a.min(*p), b.max(*p)));
-    (high - low).max_element()
+/// The greatest extent of points; 0 if there are none.
+pub(super) fn extent<'a>(points: impl IntoIterator<Item = &'a DVec3>) -> f64 {
+    let bounds = points.into_iter().copied().fold(DBounds::EMPTY, DBounds::with);
+    if bounds.is_empty() { 0.0 } else { bounds.extent().max_element() }
 }

@@ -1,13 +1,12 @@
 //! Files of surfaces as input of a sink.
 
-use super::meshes::NurbsMesh;
-use super::{SurfaceData, bpt, trimmed_nurbs};
+use super::meshes::{NurbsMesh, extent};
+use super::{bpt, trimmed_nurbs};
 use crate::base::error::{Error, Place, Result};
 use crate::base::memory;
 use crate::import::access::Files;
 use crate::import::input::Input;
 use crate::import::{MeshKey, PartDesc, Sink, stem};
-use glam::DVec3;
 
 /// The formats.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -46,7 +45,7 @@ pub(crate) fn read(input: &mut Input, kind: Kind, files: &Files<'_>, sink: &mut 
     if surfaces.is_empty() {
         sink.note(format!("{}: no surfaces; the model is empty", path.display()));
     }
-    let extent = extent(&surfaces);
+    let extent = extent(surfaces.iter().flat_map(|it| &it.points));
     for it in &surfaces {
         let (is_reversed, domain) = (it.is_reversed, Some(it.domain));
         let mesh = NurbsMesh { desc: it.desc(), is_reversed, domain, extent, part };
@@ -56,11 +55,4 @@ pub(crate) fn read(input: &mut Input, kind: Kind, files: &Files<'_>, sink: &mut 
         })?;
     }
     Ok(())
-}
-
-/// The greatest extent of all control points.
-fn extent(surfaces: &[SurfaceData]) -> f64 {
-    let all = surfaces.iter().flat_map(|it| &it.points);
-    let (low, high) = all.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(a, b), p| (a.min(*p), b.max(*p)));
-    (high - low).max_element().max(0.0)
 }
