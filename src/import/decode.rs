@@ -5,9 +5,10 @@
 
 use super::input::{Fault, Parsed};
 use super::picture::{Picture, Reducer};
+use super::png_rows::{Row, png_rows};
 use crate::base::memory;
 use crate::base::progress::Cancel;
-use png::{BitDepth, ColorType, Transformations};
+use png::{BitDepth, ColorType};
 use std::cell::Cell;
 use std::io::{self, BufRead, Cursor, Read, Seek, SeekFrom};
 use zune_jpeg::JpegDecoder;
@@ -68,32 +69,21 @@ impl Decoding<'_> {
     }
 
     fn png(&self, bytes: &[u8]) -> Parsed<Picture> {
-        let mut decoder = png::Decoder::new(Cursor::new(bytes));
-        decoder.set_transformations(Transformations::EXPAND);
-        decoder.set_ignore_text_chunk(true);
-        decoder.set_ignore_iccp_chunk(true);
-        let header = decoder.read_header_info().map_err(cannot_read)?;
-        let (width, height, is_interlaced) = (header.width, header.height, header.interlaced);
-        // The present row and the one before, each of at most four channels of 16 bits, and the window of the
-        // decompressor.
-        self.admit(width, height, MAX_PIXELS, 3 * 8 * u64::from(width) + (256 << 10))?;
-        let mut reader = decoder.read_info().map_err(cannot_read)?;
-        let (colour, depth) = reader.output_color_type();
-        let mut reducer = Reducer::new(width, height, self.flip)?;
-        for (x, y, dx, dy) in if is_interlaced { &ADAM7[..] } else { &[(0, 0, 1, 1)] } {
-            for y in (*y..height).step_by(*dy).filter(|_| *x < width) {
-                self.cancel.check()?;
-                let row = reader.next_interlaced_row().map_err(cannot_decode)?;
-                let row = row.ok_or("a picture cannot be decoded: it lacks rows")?;
-                let (data, place) = (row.data(), (*x, *dx));
-                match colour {
-                    ColorType::Grayscale => add::<1>(&mut reducer, y, place, data, depth),
-                    ColorType::GrayscaleAlpha => add::<2>(&mut reducer, y, place, data, depth),
-                    ColorType::Rgb | ColorType::Indexed => add::<3>(&mut reducer, y, place, data, depth),
-                    ColorType::Rgba => add::<4>(&mut reducer, y, place, data, depth),
-                }
+        let begin = |width: u32, height: u32| {
+            // The present row and the one before, each of at most four channels of 16 bits, and the window of the
+            // decompressor.
+            self.admit(width, height, MAX_PIXELS, 3 * 8 * u64::from(width) + (256 << 10))?;
+            Ok(Reducer::new(width, height, self.flip)?)
+        };
+        let reducer = png_rows(bytes, self.cancel, begin, |reducer, row| {
+            let Row { y, place, data, colour, depth } = row;
+            match colour {
+                ColorType::Grayscale => add::<1>(reducer, y, place, data, depth),
+                ColorType::GrayscaleAlpha => add::<2>(reducer, y, place, data, depth),
+                ColorType::Rgb | ColorType::Indexed => add::<3>(reducer, y, place, data, depth),
+                ColorType::Rgba => add::<4>(reducer, y, place, data, depth),
             }
-        }
+        })?;
         Ok(reducer.finish())
     }
 
@@ -129,10 +119,6 @@ impl Decoding<'_> {
         Ok(reducer.finish())
     }
 }
-
-/// First column, first row, and distances of columns and of rows of the seven passes of an interlaced PNG.
-pub(super) const ADAM7: [(u32, u32, u32, usize); 7] =
-    [(0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4), (0, 2, 2, 4), (1, 0, 2, 2), (0, 1, 1, 2)];
 
 pub(super) fn cannot_read(e: impl std::fmt::Display) -> Fault {
     Fault::Why(format!("a picture cannot be read: {e}"))

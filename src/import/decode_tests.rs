@@ -1,6 +1,7 @@
 use super::*;
 use crate::base::error::Error;
 use crate::import::picture::Reducer;
+use crate::import::png_rows::ADAM7;
 use crate::import::texture::{Alpha, Texture};
 use image::{ExtendedColorType, ImageFormat};
 

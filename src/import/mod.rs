@@ -23,6 +23,7 @@ mod obj;
 mod picture;
 mod pictures;
 mod ply;
+mod png_rows;
 pub mod raw;
 mod stl;
 pub mod surfaces;

@@ -380,3 +380,34 @@ fn pictures_displace_the_cages_of_files() {
     let error = build(&map).expect_err("an error").to_string();
     assert!(error.contains("line 9") && error.contains("texture coordinates"), "{error}");
 }
+
+/// Surfaces that no level makes finer, or that would be too large, end soon: nothing waits, and memory stays small.
+#[test]
+fn hard_surfaces_end() {
+    let cube = own().into_iter().find(|it| it.name == "cube").expect("a cube");
+    let (mut one_point, mut far) = (cube.clone(), cube.clone());
+    one_point.points.fill(DVec3::new(0.1, 0.2, 0.3));
+    far.points.iter_mut().for_each(|p| *p = *p * 1e-7 + DVec3::splat(3e6));
+    for (shape, tolerance) in [(&one_point, 1e-9), (&far, 1e-12), (&one_point, f64::MIN_POSITIVE)] {
+        let (_, report) = cage(shape, Dicing::Tolerance(tolerance), false);
+        assert!(report.triangles_in <= (24 * 2) << 6, "{} triangles", report.triangles_in);
+    }
+    let limited = |shape: &Shape, dicing: Dicing| {
+        let options = BuildOptions { max_triangles: 1000, ..diced(dicing) };
+        let mut builder = Builder::new(options, Arc::new(Progress::default()), Cancel::new()).expect("a builder");
+        let part = builder.part(PartDesc::default()).expect("a part");
+        let mesh = CageMesh { desc: shape.desc(), positions: &shape.points, parts: &[part], displacement: None };
+        builder.cage(MeshKey::DIRECT, &mesh)
+    };
+    assert!(matches!(limited(&cube, Dicing::Level(12)), Err(Error::OverLimit { .. })));
+    let heights = Heights::new([1, 1], 1, [Wrap::Repeat; 2], vec![1e30]).expect("heights");
+    let displacement = Displacement { heights: &heights, scale: 1e300, coordinates: &[[0.0; 2]; 24] };
+    let mut builder = Builder::new(built::options(), Arc::new(Progress::default()), Cancel::new()).expect("a builder");
+    let part = builder.part(PartDesc::default()).expect("a part");
+    let mesh =
+        CageMesh { desc: cube.desc(), positions: &cube.points, parts: &[part], displacement: Some(displacement) };
+    match builder.cage(MeshKey::DIRECT, &mesh) {
+        Err(Error::BadArgument(why)) => assert!(why.contains("heights"), "{why}"),
+        other => panic!("{other:?}"),
+    }
+}

@@ -35,7 +35,10 @@ impl<'a> NurbsQuads<'a> {
         let (domain, counts) = (domain.unwrap_or(surface.domain()), surface.piece_counts());
         let along = |axis: usize| {
             let ends = |i: usize| surface.piece_domain(axis, i);
-            let is_in = |i: &usize| ends(*i)[0] < domain[axis][1] && domain[axis][0] < ends(*i)[1];
+            let is_in = |i: &usize| {
+                let ([from, to], [begin, end]) = (ends(*i), domain[axis]);
+                from.max(begin) < to.min(end)
+            };
             (0..counts[axis]).filter(is_in).collect::<Vec<_>>()
         };
         let ranges = [along(0), along(1)];
