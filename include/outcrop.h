@@ -523,8 +523,8 @@ typedef struct oc_build_desc {
      */
     double surface_tolerance;
     /**
-     * Number of times that each side of a face of a smooth surface is halved, from 1 to 12. 0: `surface_tolerance`
-     * decides.
+     * Number of times that each side of a face of a smooth surface is halved, from 1 to 12: of each Bézier patch of a
+     * NURBS surface, or of each half if one closed patch is the whole surface. 0: `surface_tolerance` decides.
      */
     uint32_t surface_level;
     /**
@@ -2622,8 +2622,8 @@ oc_status oc_build_create(const struct oc_context *context,
                           struct oc_build **out_build);
 
 /**
- * Adds a mesh file: PLY, OBJ, STL, glTF, GLB or raw triangles. The build job reads it and reports its errors, not this
- * call.
+ * Adds a mesh file: PLY, OBJ, STL, glTF, GLB or raw triangles, or one of surfaces: BPT or NURBS faces
+ * (`.trimmed_nurbs.json`). The build job reads it and reports its errors, not this call.
  *
  * - `path`: path of the file. The string is copied.
  *

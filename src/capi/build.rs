@@ -157,8 +157,8 @@ pub struct oc_build_desc {
     /// Greatest distance between a smooth surface and the triangles into which it is diced, as sampled, in units of the
     /// surface; finite. 0: 1/2048 of the surface's greatest extent. Not used with `surface_level`.
     pub surface_tolerance: f64,
-    /// Number of times that each side of a face of a smooth surface is halved, from 1 to 12. 0: `surface_tolerance`
-    /// decides.
+    /// Number of times that each side of a face of a smooth surface is halved, from 1 to 12: of each Bézier patch of a
+    /// NURBS surface, or of each half if one closed patch is the whole surface. 0: `surface_tolerance` decides.
     pub surface_level: u32,
     /// 1: faces of OBJ files are the cages of subdivision surfaces, with the tags of OpenSubdiv's tools. 0: they are
     /// polygons.
@@ -320,8 +320,8 @@ pub unsafe extern "C" fn oc_build_create(
     })
 }
 
-/// Adds a mesh file: PLY, OBJ, STL, glTF, GLB or raw triangles. The build job reads it and reports its errors, not this
-/// call.
+/// Adds a mesh file: PLY, OBJ, STL, glTF, GLB or raw triangles, or one of surfaces: BPT or NURBS faces
+/// (`.trimmed_nurbs.json`). The build job reads it and reports its errors, not this call.
 ///
 /// - `path`: path of the file. The string is copied.
 ///

@@ -175,8 +175,8 @@ class BuildOptions(Value):
     the surface; finite. 0: 1/2048 of the surface's greatest extent. Not used with `surface_level`.
     """
     surface_level: int = 0
-    """Number of times that each side of a face of a smooth surface is halved, from 1 to 12. 0: `surface_tolerance`
-    decides.
+    """Number of times that each side of a face of a smooth surface is halved, from 1 to 12: of each Bézier patch of
+    a NURBS surface, or of each half if one closed patch is the whole surface. 0: `surface_tolerance` decides.
     """
     subdivide: int = 0
     """1: faces of OBJ files are the cages of subdivision surfaces, with the tags of OpenSubdiv's tools. 0: they are
