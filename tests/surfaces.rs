@@ -9,5 +9,3 @@ mod built;
 mod deep;
 #[path = "surfaces/refined.rs"]
 mod refined;
-#[path = "surfaces/shapes.rs"]
-mod shapes;

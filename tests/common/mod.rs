@@ -21,6 +21,7 @@
 //! | [`asked`] | plain rays of the world around something, and a scene's answers |
 //! | [`rays`] | seeded rays of every awkward kind |
 //! | [`models`], [`scenes`] | the models folder and the five test models as triangle lists |
+//! | [`shapes`], [`nurbs`] | cages with tags, and their limit surfaces as small triangles; NURBS with closed forms |
 //! | [`ribs`] | a skin over ribs, flat and as a tube |
 //! | [`airliner`] | the generated airliner, whole and a slice of it |
 //! | [`changed`] | generated models with changes on their way to the build |
@@ -44,6 +45,7 @@ pub mod foreign;
 pub mod frames;
 pub mod light;
 pub mod models;
+pub mod nurbs;
 pub mod perceived;
 pub mod picture;
 pub mod popping;
@@ -54,6 +56,7 @@ pub mod rng;
 pub mod rounding;
 pub mod samples;
 pub mod scenes;
+pub mod shapes;
 pub mod sources;
 pub mod stored;
 pub mod trees;

@@ -102,9 +102,6 @@ fn is_there(part: Later) -> bool {
         })
     };
     match part {
-        Later::Patches => {
-            root().join("src/structure/patch").exists() || code(&["mod patch", "mod subdiv", "catmull", "nurbs"])
-        }
         Later::Mirrors => code(&["differential", "fn reflect", "fn mirror", "mod mirror", "mod reflect"]),
     }
 }

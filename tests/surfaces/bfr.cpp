@@ -1,6 +1,6 @@
 // Values of limit surfaces by OpenSubdiv 3.5's Bfr, for `bfr.rs`.
 //
-//     g++ -O2 -o bfr bfr.cpp -losdCPU && ./bfr cages.obj bfr.bin 120
+//     g++ -O2 -o bfr bfr.cpp -losdCPU && ./bfr ../common/cages.obj bfr.bin 120
 //
 // Per cage: the number of records (u32); per record: face and corner (u32), u and v (f64), position (3 f64), derivatives
 // by u and v of the face's quad (6 f32). Half of the points lie within 2^-6 of a corner of their quad.

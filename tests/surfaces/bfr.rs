@@ -2,7 +2,7 @@
 //! wrote for `cages.obj`.
 
 use super::deep;
-use super::shapes::{Shape, own, parsed};
+use crate::common::shapes::{Shape, own, parsed};
 use glam::DVec3;
 use outcrop::geom::surface::cage::CagePatches;
 

@@ -1,22 +1,20 @@
 //! Surfaces in built models: closed, as near to the surface as asked, with its normals and parts.
 
-use super::shapes::{Shape, own};
 use crate::common::asked::ask;
 use crate::common::built::{self, Built, build_with};
 use crate::common::models;
+use crate::common::nurbs::{Nurbs, sphere, torus};
 use crate::common::rng::Rng;
+use crate::common::shapes::{Shape, own};
 use glam::{DVec3, Vec3};
 use outcrop::base::error::Error;
 use outcrop::base::progress::{Cancel, Progress};
 use outcrop::build::{BuildOptions, BuildReport, Builder};
 use outcrop::geom::point_triangle;
-use outcrop::geom::surface::cage::CagePatches;
-use outcrop::geom::surface::nurbs::NurbsDesc;
 use outcrop::import::surfaces::{CageMesh, Dicing, Displacement, HeightMap, Heights, NurbsMesh, Wrap};
 use outcrop::import::{MeshKey, PartDesc, Sink};
 use outcrop::math::Ray;
 use outcrop::query::{Hit, HitKind, QueryOptions, Want};
-use std::collections::HashMap;
 use std::sync::Arc;
 
 fn diced(dicing: Dicing) -> BuildOptions {
@@ -45,39 +43,6 @@ fn around(built: &Built, from: DVec3, count: usize) -> Vec<(Ray, Hit)> {
     rays.into_iter().zip(hits).collect()
 }
 
-/// True if each edge has two faces, which run along it in opposite directions.
-fn is_closed(shape: &Shape) -> bool {
-    let mut edges: HashMap<(u32, u32), i32> = HashMap::new();
-    let mut first = 0;
-    for &size in &shape.sizes {
-        let face = &shape.indices[first..first + size as usize];
-        first += size as usize;
-        for (i, &a) in face.iter().enumerate() {
-            *edges.entry((a, face[(i + 1) % face.len()])).or_default() += 1;
-        }
-    }
-    let is_one = |(&(a, b), &count): (&(u32, u32), &i32)| count == 1 && edges.get(&(b, a)) == Some(&1);
-    shape.holes.is_empty() && edges.iter().all(is_one)
-}
-
-/// The limit surface as small triangles.
-fn fine(shape: &Shape) -> Vec<[DVec3; 3]> {
-    const SIDE: usize = 48;
-    let (cage, mut all) = (shape.cage(), Vec::new());
-    let surface = CagePatches::new(&cage, &shape.points).expect("a surface");
-    for face in 0..cage.face_count() as u32 {
-        for corner in 0..cage.quads_of(face) {
-            let share = |i: usize| i as f64 / SIDE as f64;
-            let at = |i: usize, j: usize| surface.evaluate(face, corner, share(i), share(j)).position;
-            for (i, j) in (0..SIDE * SIDE).map(|n| (n / SIDE, n % SIDE)) {
-                let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
-                all.extend([[a, b, c], [a, c, d]]);
-            }
-        }
-    }
-    all
-}
-
 fn distance(p: DVec3, triangles: &[[DVec3; 3]]) -> f64 {
     triangles.iter().map(|t| point_triangle(p, t).squared).fold(f64::MAX, f64::min).sqrt()
 }
@@ -86,14 +51,14 @@ fn distance(p: DVec3, triangles: &[[DVec3; 3]]) -> f64 {
 fn closed_cages_let_no_ray_out_and_are_near_their_surface() {
     let mut count = 0;
     // The middle of `two_cubes_vertex` is the vertex that its cubes share.
-    for shape in own().iter().filter(|it| is_closed(it) && it.name != "two_cubes_vertex") {
+    for shape in own().iter().filter(|it| it.is_closed() && it.name != "two_cubes_vertex") {
         let tolerance = 1e-3 * shape.extent();
         let (built, report) = cage(shape, Dicing::Tolerance(tolerance), false);
         let middle = shape.points.iter().sum::<DVec3>() / shape.points.len() as f64;
         let hits = around(&built, middle, 20_000);
         let lost = hits.iter().filter(|(_, hit)| hit.kind != HitKind::Exact).count();
         assert_eq!(lost, 0, "{}: rays from the middle", shape.name);
-        let surface = fine(shape);
+        let surface = shape.fine();
         let far = hits.iter().step_by(100).map(|(_, hit)| distance(hit.position, &surface)).fold(0.0, f64::max);
         println!("{}: {} triangles, {:.2} of the tolerance", shape.name, report.triangles_kept, far / tolerance);
         assert!(far <= tolerance && far > 0.01 * tolerance, "{}: {far} of {tolerance}", shape.name);
@@ -190,52 +155,11 @@ fn text_of(shape: &Shape) -> String {
     lines.join("\n")
 }
 
-/// A circle of radius 1 in the plane of x and y as nine control points of degree 2, with weights.
-fn circle() -> ([f64; 12], Vec<(DVec3, f64)>) {
-    let knots = [0.0, 0.0, 0.0, 1.0, 1.0, 2.0, 2.0, 3.0, 3.0, 4.0, 4.0, 4.0];
-    let corners = [(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1), (1, 0)];
-    let point = |(i, (x, y)): (usize, (i32, i32))| {
-        (DVec3::new(x.into(), y.into(), 0.0), if i % 2 == 0 { 1.0 } else { 0.5f64.sqrt() })
-    };
-    (knots, corners.into_iter().enumerate().map(point).collect())
-}
-
-/// A sphere of radius 1, or a torus of radii 3 and 1: u goes round the z axis.
-fn round(is_sphere: bool, dicing: Dicing) -> (Built, BuildReport) {
-    let (knots_u, ring) = circle();
-    let (knots, profile) = circle();
-    // The half circle from pole to pole, or the whole one beside the axis.
-    let (knots_v, profile): (Vec<f64>, Vec<(DVec3, f64)>) = match is_sphere {
-        true => (vec![0.0, 0.0, 0.0, 1.0, 1.0, 2.0, 2.0, 2.0], half().collect()),
-        false => (knots.to_vec(), profile.iter().map(|(p, w)| (DVec3::new(3.0 + p.x, 0.0, p.y), *w)).collect()),
-    };
-    let (mut points, mut weights) = (Vec::new(), Vec::new());
-    for (around, of_ring) in &ring {
-        for (p, of_profile) in &profile {
-            points.push(DVec3::new(around.x * p.x, around.y * p.x, p.z));
-            weights.push(of_ring * of_profile);
-        }
-    }
-    let desc = NurbsDesc {
-        degree: [2, 2],
-        counts: [ring.len() as u32, profile.len() as u32],
-        knots_u: &knots_u,
-        knots_v: &knots_v,
-        points: &points,
-        weights: Some(&weights),
-    };
+fn nurbs(shape: &Nurbs, dicing: Dicing) -> (Built, BuildReport) {
     build_with(diced(dicing), |builder| {
         let part = builder.part(PartDesc::default()).expect("a part");
-        let mesh = NurbsMesh { desc, is_reversed: false, domain: None, extent: 0.0, part };
+        let mesh = NurbsMesh { desc: shape.desc(), is_reversed: false, domain: None, extent: 0.0, part };
         builder.nurbs(MeshKey::DIRECT, &mesh).expect("a surface");
-    })
-}
-
-/// The right half of a circle around the origin in the plane of x and z, from the lower pole to the upper one.
-fn half() -> impl Iterator<Item = (DVec3, f64)> {
-    let corners = [(0, -1), (1, -1), (1, 0), (1, 1), (0, 1)];
-    corners.into_iter().enumerate().map(|(i, (x, z)): (usize, (i32, i32))| {
-        (DVec3::new(x.into(), 0.0, z.into()), if i % 2 == 0 { 1.0 } else { 0.5f64.sqrt() })
     })
 }
 
@@ -243,7 +167,8 @@ fn half() -> impl Iterator<Item = (DVec3, f64)> {
 fn spheres_and_tori_of_nurbs_are_closed_and_round() {
     let tolerance = 1e-3;
     for (is_sphere, from) in [(true, DVec3::new(0.1, 0.2, -0.3)), (false, DVec3::new(3.1, 0.2, -0.1))] {
-        let (built, report) = round(is_sphere, Dicing::Tolerance(tolerance));
+        let shape = if is_sphere { sphere() } else { torus() };
+        let (built, report) = nurbs(&shape, Dicing::Tolerance(tolerance));
         let mut far = 0.0f64;
         for (_, hit) in around(&built, from, 50_000) {
             assert_eq!(hit.kind, HitKind::Exact);
@@ -309,7 +234,7 @@ fn displaced_surfaces_follow_their_map() {
     // The coordinates of each face cover the map.
     let coordinates: Vec<[f64; 2]> =
         (0..corners).map(|i| [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]][i % 4]).collect();
-    let plain = fine(&shape);
+    let plain = shape.fine();
     let middle = shape.points.iter().sum::<DVec3>() / 8.0;
     for (texels, most) in [(vec![1.0f32; 64], 0.1), (bumps(), 0.1)] {
         let heights = Heights::new([8, 8], 1, [Wrap::Repeat; 2], texels).expect("heights");

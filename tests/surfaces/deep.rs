@@ -1,6 +1,6 @@
 //! The limit by subdivision alone, many levels deep around one point, in double precision: no patches, no masks.
 
-use super::shapes::Shape;
+use crate::common::shapes::Shape;
 use glam::DVec3;
 use outcrop::geom::surface::cage::{Boundary, Cage, CageDesc};
 use std::collections::BTreeMap;

@@ -1,6 +1,6 @@
 //! Uniform subdivision against OpenSubdiv's reference meshes, which its older code wrote.
 
-use super::shapes::{Shape, model};
+use crate::common::shapes::{Shape, model};
 use glam::DVec3;
 use outcrop::geom::surface::cage::Cage;
 

@@ -201,7 +201,7 @@ class Build(Handle):
         self._ids: set[int] = set()
 
     def add_file(self, path: str | os.PathLike[str]) -> None:
-        """Adds a file: PLY, OBJ, STL, glTF, GLB, raw triangles, BPT, NURBS faces. The job reads it and reports errors."""
+        """Adds a file: PLY, OBJ, STL, glTF, GLB, raw, BPT, NURBS faces. The job reads it and reports errors."""
         lib.oc_build_add_file(self._h, os.fsencode(path))
 
     def add_material(self, material: Material) -> int:

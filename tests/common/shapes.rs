@@ -4,9 +4,10 @@
 //! interpolateboundary 1/0/0 n`: 0 none, 1 edge and corner, 2 edge only, which holds without this tag. `t creasemethod
 //! 0/0/1 chaikin` and `t smoothtriangles 0/0/1 smooth` choose rules.
 
-use crate::common::models;
+use super::models;
 use glam::DVec3;
-use outcrop::geom::surface::cage::{Boundary, Cage, CageDesc, Creasing, TriangleRule};
+use outcrop::geom::surface::cage::{Boundary, Cage, CageDesc, CagePatches, Creasing, TriangleRule};
+use std::collections::HashMap;
 
 /// A cage with its positions, owned.
 #[derive(Debug, Clone, Default)]
@@ -46,6 +47,39 @@ impl Shape {
         let low = self.points.iter().fold(DVec3::INFINITY, |a, &p| a.min(p));
         let high = self.points.iter().fold(DVec3::NEG_INFINITY, |a, &p| a.max(p));
         (high - low).max_element()
+    }
+
+    /// True if each edge has two faces, which run along it in opposite directions.
+    pub fn is_closed(&self) -> bool {
+        let mut edges: HashMap<(u32, u32), i32> = HashMap::new();
+        let mut first = 0;
+        for &size in &self.sizes {
+            let face = &self.indices[first..first + size as usize];
+            first += size as usize;
+            for (i, &a) in face.iter().enumerate() {
+                *edges.entry((a, face[(i + 1) % face.len()])).or_default() += 1;
+            }
+        }
+        let is_one = |(&(a, b), &count): (&(u32, u32), &i32)| count == 1 && edges.get(&(b, a)) == Some(&1);
+        self.holes.is_empty() && edges.iter().all(is_one)
+    }
+
+    /// The limit surface as small triangles.
+    pub fn fine(&self) -> Vec<[DVec3; 3]> {
+        const SIDE: usize = 48;
+        let (cage, mut all) = (self.cage(), Vec::new());
+        let surface = CagePatches::new(&cage, &self.points).expect("a surface");
+        for face in 0..cage.face_count() as u32 {
+            for corner in 0..cage.quads_of(face) {
+                let share = |i: usize| i as f64 / SIDE as f64;
+                let at = |i: usize, j: usize| surface.evaluate(face, corner, share(i), share(j)).position;
+                for (i, j) in (0..SIDE * SIDE).map(|n| (n / SIDE, n % SIDE)) {
+                    let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
+                    all.extend([[a, b, c], [a, c, d]]);
+                }
+            }
+        }
+        all
     }
 
     fn line(&mut self, line: &str) {
