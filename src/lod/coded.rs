@@ -347,6 +347,11 @@ pub fn stored_normal(word: u32) -> Vec3 {
     Vec3::from(octahedral_axis(normal_bytes(word))).normalize_or(Vec3::Z)
 }
 
+/// The low half of a sample's first word for a unit normal: see [`stored_normal`].
+pub fn coded_normal(unit: Vec3) -> u32 {
+    octahedral(unit)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

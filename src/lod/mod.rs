@@ -21,8 +21,8 @@ mod turns;
 mod voxel;
 
 pub use coded::{
-    Coded, SAMPLE_BYTES, SIDES_WORDS, TRANSMITTING_LEVEL, VOXEL_WORDS, is_loose, loosened, of_sample, stop_bits,
-    stop_code, stopped, stored_colour, stored_cover, stored_likeness, stored_normal,
+    Coded, SAMPLE_BYTES, SIDES_WORDS, TRANSMITTING_LEVEL, VOXEL_WORDS, coded_normal, is_loose, loosened, of_sample,
+    stop_bits, stop_code, stopped, stored_colour, stored_cover, stored_likeness, stored_normal,
 };
 pub use curtain::{CURTAIN_WORDS, Curtain, FirstHit, curtain_from, hang_curtains};
 pub use fill::{Fill, LEAST, LESS, holds, limit, sure_from};

@@ -227,7 +227,8 @@ pub fn with_baker<O: BakeOp>(structure: Structure, op: O) -> O::Out {
         op.run::<B>()
     }
     match structure {
-        Structure::Bvh => run::<bvh::build::BvhBaker, O>(op),
+        // Triangles beside surfaces.
+        Structure::Bvh | Structure::Patch => run::<bvh::build::BvhBaker, O>(op),
         #[cfg(any(test, feature = "brute"))]
         Structure::Brute => run::<brute::build::BruteBaker, O>(op),
     }

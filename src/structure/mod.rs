@@ -34,6 +34,7 @@ mod packet_prepare;
 mod packet_triangles;
 pub mod pairs;
 pub mod par;
+pub mod patch;
 pub mod place;
 mod prepared;
 pub mod ray;
@@ -68,6 +69,8 @@ pub enum Structure {
     /// Wide, quantised bounding volume hierarchy.
     #[default]
     Bvh = 1,
+    /// Surfaces as grids under quadtrees of quantised boxes; triangles as in `Bvh`.
+    Patch = 4,
     /// List of triangles; for tests.
     #[cfg(any(test, feature = "brute"))]
     Brute = 255,
@@ -75,8 +78,9 @@ pub enum Structure {
 
 impl Structure {
     /// All structures of this build.
-    pub const ALL: [Self; 1 + cfg!(any(test, feature = "brute")) as usize] = [
+    pub const ALL: [Self; 2 + cfg!(any(test, feature = "brute")) as usize] = [
         Self::Bvh,
+        Self::Patch,
         #[cfg(any(test, feature = "brute"))]
         Self::Brute,
     ];
@@ -85,6 +89,7 @@ impl Structure {
     pub fn name(self) -> &'static str {
         match self {
             Self::Bvh => "bvh",
+            Self::Patch => "patch",
             #[cfg(any(test, feature = "brute"))]
             Self::Brute => "brute",
         }

@@ -6,6 +6,7 @@ use super::brute;
 use super::bvh;
 use super::hit::Triangle;
 use super::nodes::{LeafTriangle, Node, Starts};
+use super::patch;
 use super::place::Place;
 use super::resident::Forms;
 use super::tree::{Blocks, Tree, Visit};
@@ -51,6 +52,7 @@ pub struct StoredTree {
 #[derive(Debug, Clone, Copy)]
 enum Start {
     Bvh(bvh::open::Start),
+    Patch(patch::open::Start),
     #[cfg(any(test, feature = "brute"))]
     Brute(brute::open::Start),
 }
@@ -62,12 +64,14 @@ pub fn open(file: &ModelFile) -> Result<Opened> {
     let header = file.header();
     let decoder: Box<dyn Decoder> = match structure {
         Structure::Bvh => Box::new(bvh::BvhDecoder::new(header, file.trees())),
+        Structure::Patch => Box::new(patch::PatchDecoder::new(header, file.trees())),
         #[cfg(any(test, feature = "brute"))]
         Structure::Brute => Box::new(brute::BruteDecoder::new(header, file.trees())),
     };
     let start = |index: u32, row: &TreeRow| {
         let start = match structure {
             Structure::Bvh => bvh::open::Start::of(file, row).map(Start::Bvh),
+            Structure::Patch => patch::open::Start::of(file, row).map(Start::Patch),
             #[cfg(any(test, feature = "brute"))]
             Structure::Brute => brute::open::Start::of(file, row).map(Start::Brute),
         };
@@ -89,6 +93,7 @@ pub fn bytes_for(trees: u64) -> u64 {
 pub fn entered_blocks(structure: u32, tree: &TreeRow) -> u32 {
     match Structure::from_number(structure) {
         Some(Structure::Bvh) => bvh::entered_blocks(tree),
+        Some(Structure::Patch) => patch::entered_blocks(tree),
         _ => 0,
     }
 }
@@ -98,6 +103,8 @@ pub fn entered_blocks(structure: u32, tree: &TreeRow) -> u32 {
 pub fn check_links(file: &ModelFile, snapshot: &Snapshot) -> std::result::Result<(), (BlockId, String)> {
     match structure_of(file) {
         Ok(Structure::Bvh) => bvh::check_links(snapshot, file.trees()),
+        // The statements of blocks about each other are compared as they are read.
+        Ok(Structure::Patch) => Ok(()),
         // Each block of this structure checks its own references.
         #[cfg(any(test, feature = "brute"))]
         Ok(Structure::Brute) => Ok(()),
@@ -119,6 +126,7 @@ pub struct ListedParts {
 pub fn block_parts(file: &ModelFile, tree: &TreeRow, id: BlockId, words: &[u32]) -> Result<ListedParts> {
     let mut found = match structure_of(file)? {
         Structure::Bvh => bvh::block_parts(tree, id, words),
+        Structure::Patch => patch::block_parts(tree, id, words),
         #[cfg(any(test, feature = "brute"))]
         Structure::Brute => brute::block_parts(id, words),
     };
@@ -141,6 +149,7 @@ pub fn holder(file: &ModelFile, tree: &TreeRow, index: usize) -> Result<Option<H
     let index = u32::try_from(index).unwrap_or(u32::MAX);
     let (first, count, apart) = match structure_of(file)? {
         Structure::Bvh => bvh::holders(tree),
+        Structure::Patch => patch::holders(tree),
         #[cfg(any(test, feature = "brute"))]
         Structure::Brute => brute::holders(tree),
     };
@@ -194,6 +203,7 @@ impl StoredTree {
     pub fn start(&self) -> Option<(BlockId, u32)> {
         let root = match &self.start {
             Start::Bvh(own) => own.root(),
+            Start::Patch(own) => own.root(),
             #[cfg(any(test, feature = "brute"))]
             Start::Brute(own) => own.root(),
         };
@@ -204,6 +214,7 @@ impl StoredTree {
     pub fn nodes(&self) -> Nodes {
         let kind = match &self.start {
             Start::Bvh(own) => NodesOf::Bvh(own.leaves_at()),
+            Start::Patch(own) => NodesOf::Patch(own.leaves_at()),
             #[cfg(any(test, feature = "brute"))]
             Start::Brute(_) => NodesOf::Brute,
         };
@@ -220,6 +231,7 @@ impl StoredTree {
     pub fn view<'a>(&self, snapshot: &'a Snapshot, isa: Isa, visit: Visit<'a>) -> Tree<'a> {
         let blocks = match &self.start {
             Start::Bvh(own) => Blocks::Bvh(own.view(snapshot, self.max_coord, isa, visit)),
+            Start::Patch(own) => Blocks::Patch(own.view(snapshot, self.max_coord, isa, visit)),
             #[cfg(any(test, feature = "brute"))]
             Start::Brute(own) => Blocks::Brute(own.view(snapshot, self.max_coord, isa, visit)),
         };
@@ -241,6 +253,8 @@ pub struct Nodes {
 enum NodesOf {
     /// Offset from the id of a fine block to that of its leaf block.
     Bvh(u32),
+    /// The same.
+    Patch(u32),
     #[cfg(any(test, feature = "brute"))]
     Brute,
 }
@@ -258,6 +272,7 @@ impl Nodes {
         node.tree = self.tree;
         match self.kind {
             NodesOf::Bvh(leaves_at) => bvh::nodes::node(words, place, (leaves_at, &self.origin), starts, node),
+            NodesOf::Patch(leaves_at) => patch::nodes::node(words, place, (leaves_at, &self.origin), node),
             #[cfg(any(test, feature = "brute"))]
             NodesOf::Brute => brute::nodes::node(words, place, &self.origin, node),
         }
@@ -278,6 +293,7 @@ impl Nodes {
         };
         match self.kind {
             NodesOf::Bvh(_) => bvh::nodes::triangles(words, place, starts, visit),
+            NodesOf::Patch(_) => patch::nodes::triangles(words, place, visit),
             #[cfg(any(test, feature = "brute"))]
             NodesOf::Brute => brute::nodes::triangles(words, place, visit),
         }
@@ -287,6 +303,7 @@ impl Nodes {
     pub fn all(&self, words: &[u32], block: u32) -> Vec<Place> {
         let items = match self.kind {
             NodesOf::Bvh(_) => bvh::nodes::items(words),
+            NodesOf::Patch(_) => patch::nodes::items(words),
             #[cfg(any(test, feature = "brute"))]
             NodesOf::Brute => brute::nodes::items(words),
         };

@@ -11,11 +11,11 @@ use super::brute;
 use super::bvh;
 use super::cell::{CellParts, Cells};
 use super::cursor::Below;
-#[cfg(any(test, feature = "brute"))]
 use super::fallback::SingleWalks;
 use super::filter::{PartFilter, ShownBlocks};
 use super::hit::{Outcome, TriHit, Triangle};
 use super::packet::PacketWalk;
+use super::patch;
 use super::place::{Place, Rooted};
 use super::resident::Resident;
 use super::resident::trace::Both;
@@ -79,6 +79,8 @@ pub struct Tree<'a> {
 pub enum Blocks<'a> {
     /// A wide bounding volume hierarchy.
     Bvh(bvh::trace::TreeView<'a>),
+    /// Surfaces as grids under quadtrees.
+    Patch(patch::trace::TreeView<'a>),
     /// A list of triangles.
     #[cfg(any(test, feature = "brute"))]
     Brute(brute::trace::TreeView<'a>),
@@ -89,6 +91,7 @@ macro_rules! of_each {
     ($tree:expr, $own:ident => $answer:expr) => {
         match $tree {
             Blocks::Bvh($own) => $answer,
+            Blocks::Patch($own) => $answer,
             #[cfg(any(test, feature = "brute"))]
             Blocks::Brute($own) => $answer,
         }
@@ -226,6 +229,7 @@ impl<'a> Tree<'a> {
     pub fn closest_in_bundle(&self, filter: Option<&PartFilter>, bundle: &mut Bundle, among: u32) {
         match &self.blocks {
             Blocks::Bvh(own) => bundle.closest(own, filter, among),
+            Blocks::Patch(_) => {}
             #[cfg(any(test, feature = "brute"))]
             Blocks::Brute(_) => {}
         }
@@ -247,7 +251,7 @@ impl<'a> Tree<'a> {
     /// [`Tree::oriented_slabs`] find nothing, this is the block that has left the snapshot.
     pub fn block_of(&self, hit: &TriHit) -> BlockId {
         match &self.blocks {
-            Blocks::Bvh(_) => BlockId(hit.block),
+            Blocks::Bvh(_) | Blocks::Patch(_) => BlockId(hit.block),
             #[cfg(any(test, feature = "brute"))]
             Blocks::Brute(_) => BlockId(hit.block),
         }
@@ -334,6 +338,7 @@ impl<'a> Tree<'a> {
     pub fn appearance(&self, colour_of: &dyn Fn(u32) -> Vec3) -> Option<Appearance> {
         match &self.blocks {
             Blocks::Bvh(own) => own.appearance(colour_of),
+            Blocks::Patch(_) => None,
             #[cfg(any(test, feature = "brute"))]
             Blocks::Brute(_) => None,
         }
@@ -344,6 +349,7 @@ impl<'a> Tree<'a> {
     pub fn root_parts(&self) -> Option<[Option<(u32, f32)>; 8]> {
         match &self.blocks {
             Blocks::Bvh(own) => own.root_parts(),
+            Blocks::Patch(_) => None,
             #[cfg(any(test, feature = "brute"))]
             Blocks::Brute(_) => None,
         }
@@ -376,6 +382,7 @@ impl<'a> Tree<'a> {
     pub fn rows(&self, place: Place, parts: bool, rows: &mut Rows) -> Result<(), BlockId> {
         match &self.blocks {
             Blocks::Bvh(own) => own.rows(place, parts, rows),
+            Blocks::Patch(own) => own.rows(place, rows),
             #[cfg(any(test, feature = "brute"))]
             Blocks::Brute(own) => own.rows(place, rows),
         }

@@ -1,0 +1,15 @@
+//! Builds the blocks of a tree from tiles of grids: `frame` finds the system of a tile and its quadtree, `nodes` makes
+//! the tree over frames or blocks, `blocks` encodes.
+
+mod blocks;
+mod cell;
+mod frame;
+mod nodes;
+
+pub use blocks::{Plan, Plans, Upper, encode};
+pub use frame::{BuiltFrame, Tile, build};
+
+/// Number of stack entries that a walk needs at most in a tree with `depth` levels of nodes.
+pub fn max_stack(depth: u32) -> u32 {
+    super::layout::WIDTH as u32 * depth
+}

@@ -1,0 +1,66 @@
+//! The test of the eight triangles of a leaf of a quadtree: four cells of a grid, nine vertices.
+
+use super::layout::{Grid, of_morton};
+use super::ray::Prepared;
+use crate::geom::Shear;
+use crate::geom::watertight::{Sheared, intersect, shear};
+use crate::simd::{Lanes, Simd};
+
+/// Triangles that are hit, and their hits.
+pub struct Found {
+    /// Bit `i`: triangle `i`.
+    pub hits: u32,
+    /// Distances.
+    pub t: [f32; 8],
+    /// Weights of the second vertices.
+    pub u: [f32; 8],
+    /// Weights of the third vertices.
+    pub v: [f32; 8],
+}
+
+/// For each corner the vertex of each triangle, of three rows of three. Triangle `4 j + 2 i` is the first of cell
+/// (i, j), triangle `4 j + 2 i + 1` the second.
+pub const CORNERS: [[usize; 8]; 3] = {
+    let mut corners = [[0; 8]; 3];
+    let mut cell = 0;
+    while cell < 4 {
+        let at = 3 * (cell >> 1) + (cell & 1);
+        let (first, second) = ([at, at + 1, at + 4], [at, at + 4, at + 3]);
+        let mut corner = 0;
+        while corner < 3 {
+            corners[corner][2 * cell] = first[corner];
+            corners[corner][2 * cell + 1] = second[corner];
+            corner += 1;
+        }
+        cell += 1;
+    }
+    corners
+};
+
+/// Tests the triangles of leaf `number` up to `t_max`.
+#[inline(always)]
+pub fn eight<S: Simd>(s: S, ray: &Prepared, grid: &Grid, number: usize, t_max: f32) -> Found {
+    let Prepared { ray, shear: Shear { k, s: by }, .. } = ray;
+    let zero = s.splat8(0.0);
+    let (i, j) = of_morton(number);
+    let at = 3 * (2 * j * grid.side + 2 * i);
+    // A leaf beyond the grid, which only a malformed file has, is never hit.
+    let is_there = 2 * i + 2 < grid.side && 2 * j + 2 < grid.side;
+    let rows: [&[u32]; 3] = std::array::from_fn(|row| {
+        let at = at + 3 * row * grid.side;
+        if is_there { &grid.vertices[at..at + 9] } else { &[0; 9] }
+    });
+    let by = [s.splat8(by[0]), s.splat8(by[1]), s.splat8(by[2])];
+    let mut corners = [Sheared { x: zero, y: zero, z: zero }; 3];
+    for (corner, sheared) in corners.iter_mut().enumerate() {
+        let mut p = [zero; 3];
+        for axis in 0..3 {
+            let lanes = CORNERS[corner].map(|at| f32::from_bits(rows[at / 3][3 * (at % 3) + k[axis]]));
+            p[axis] = s.load8(&lanes) - s.splat8(ray.org[k[axis]]);
+        }
+        *sheared = shear(p, by);
+    }
+    let lanes = if is_there { 0xff } else { 0 };
+    let found = intersect::<8, _>(lanes, corners, zero, s.splat8(ray.t_min), s.splat8(t_max));
+    Found { hits: found.hits, t: found.t.to_array(), u: found.u.to_array(), v: found.v.to_array() }
+}

@@ -1,0 +1,25 @@
+//! `patch`: surfaces as grids under quadtrees of quantised boxes, each in the system of a flat part of the surface
+//! (Selgrad, Lier, Martinek, Buchenau, Guthe, Kranz, Schäfer, Stamminger: "A compressed representation for ray tracing
+//! parametric surfaces", ACM Transactions on Graphics 36 (1), 2016).
+//!
+//! A wide tree of full precision leads to **frames**, square parts of a surface whose normals differ little. Below a
+//! frame is a complete quadtree, a byte for each node. The boxes of the quadtree are the stand-ins of the surface: a
+//! ray whose footprint covers a box meets it there. Other rays meet the triangles of the frame's grid, the paper's
+//! exact variant (PREGEN^C, section 3.6): its vertices are on the surface.
+//!
+//! Differences from the paper: the map of a frame is affine, not projective. A leaf of the quadtree is four cells, eight
+//! triangles, which one vector test takes. Boxes enclose the vertices of the grid.
+
+pub mod build;
+mod cells;
+pub mod codes;
+mod decoder;
+pub mod layout;
+mod leaf;
+pub mod nodes;
+pub mod open;
+mod ray;
+mod rows;
+pub mod trace;
+
+pub use decoder::{PatchDecoder, block_parts, entered_blocks, holders};

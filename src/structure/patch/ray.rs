@@ -1,0 +1,143 @@
+//! A ray prepared for boxes and triangles of a tree, and in the system of a frame.
+
+use super::codes::Planes;
+use super::layout::Frame;
+use crate::geom::Shear;
+use crate::math::Cone;
+use crate::simd::{Lanes, Mask, Simd};
+use crate::structure::filter::PartFilter;
+use crate::structure::ray::{self, LocalRay, SLACK};
+use glam::Vec3;
+
+/// A ray with the constants that tests need.
+pub struct Prepared<'a> {
+    /// The ray.
+    pub ray: LocalRay,
+    /// Reciprocal direction.
+    pub inv: Vec3,
+    /// Tolerance of the planes of cells, with the sign of `inv`.
+    pub slack: Vec3,
+    /// For the triangle test.
+    pub shear: Shear,
+    /// True if the ray accepts small cells as stand-ins.
+    pub is_lod: bool,
+    /// Hidden parts, and further tests.
+    pub filter: Option<&'a PartFilter<'a>>,
+}
+
+/// Tolerance of boxes as a multiple of that of cells. A ray that enters a cell therefore also enters the boxes around
+/// it.
+const BOXES: f32 = 2.0;
+
+/// Reciprocals of a direction. A component below 1e-18 of the greatest is raised to that magnitude.
+#[inline(always)]
+fn reciprocal(dir: Vec3) -> Vec3 {
+    let least = dir.abs().max_element() * 1e-18;
+    Vec3::ONE / dir.abs().max(Vec3::splat(least)).copysign(dir)
+}
+
+impl<'a> Prepared<'a> {
+    /// Prepares a valid ray for a tree with coordinates of at most `max_coord` in magnitude.
+    #[inline(always)]
+    pub fn new(ray: LocalRay, max_coord: f32, filter: Option<&'a PartFilter<'a>>) -> Self {
+        let inv = reciprocal(ray.dir);
+        let slack = Vec3::from([0, 1, 2].map(|axis| ray::slack(ray.org[axis], inv[axis], max_coord)));
+        Self { ray, inv, slack, shear: Shear::new(ray.dir), is_lod: ray.cone != Cone::ZERO, filter }
+    }
+
+    /// The boxes of eight children that the ray meets from `t_min` to `t_max`, and where it enters them.
+    #[inline(always)]
+    pub fn boxes<S: Simd>(&self, s: S, row: impl Fn(usize) -> [f32; 8], t_max: f32) -> (u32, [f32; 8]) {
+        let (mut enter, mut leave) = (s.splat8(self.ray.t_min), s.splat8(t_max));
+        for axis in 0..3 {
+            let is_positive = self.inv[axis] >= 0.0;
+            let (near, far) = if is_positive { (axis, axis + 3) } else { (axis + 3, axis) };
+            let (org, inv) = (s.splat8(self.ray.org[axis]), s.splat8(self.inv[axis]));
+            let slack = s.splat8(self.slack[axis] * BOXES);
+            enter = ((s.load8(&row(near)) - slack - org) * inv).max(enter);
+            leave = ((s.load8(&row(far)) + slack - org) * inv).min(leave);
+        }
+        (enter.le(leave).bits(), enter.to_array())
+    }
+
+    /// Distances at which the ray enters and leaves a cell.
+    #[inline(always)]
+    pub fn cross(&self, planes: &Planes) -> [f32; 2] {
+        let (mut enter, mut leave) = (f32::NEG_INFINITY, f32::INFINITY);
+        for axis in 0..3 {
+            let is_positive = self.inv[axis] >= 0.0;
+            let (near, far) = if is_positive { (axis, axis + 3) } else { (axis + 3, axis) };
+            enter = enter.max((planes[near] - self.slack[axis] - self.ray.org[axis]) * self.inv[axis]);
+            leave = leave.min((planes[far] + self.slack[axis] - self.ray.org[axis]) * self.inv[axis]);
+        }
+        [enter, leave]
+    }
+
+    /// True if the ray's footprint at `t` covers cells with a projection of this area, times the direction's length.
+    #[inline(always)]
+    pub fn covers(&self, t: f32, area: f32) -> bool {
+        let width = self.ray.cone.a + self.ray.cone.b * t;
+        area <= width * width
+    }
+}
+
+/// A ray in the system of a frame. Its distances count from `from`.
+///
+/// The origin of the system's ray is where the ray enters the frame's surroundings, computed in double precision: so
+/// its coordinates are small, and rounding moves planes by a few parts in 2^24 of the frame at most.
+pub struct FrameRay {
+    /// Distance of the ray at the origin.
+    pub from: f32,
+    org: [f32; 3],
+    inv: [f32; 3],
+    slack: [f32; 3],
+    /// For each axis, the area of the unit square across it, as the ray sees it, times the direction's length.
+    faces: [f32; 3],
+}
+
+impl FrameRay {
+    /// The ray in a frame that it enters at `from` or behind.
+    #[inline(always)]
+    pub fn new(ray: &Prepared, frame: &Frame, from: f32) -> Self {
+        let (map, centre) = (frame.map(), frame.centre().as_dvec3());
+        let linear = map.as_dmat3();
+        let LocalRay { org, dir, .. } = ray.ray;
+        let at = org.as_dvec3() + dir.as_dvec3() * f64::from(from) - centre;
+        let (org, dir) = ((linear * at).as_vec3(), (linear * dir.as_dvec3()).as_vec3());
+        let inv = reciprocal(dir);
+        let slack = (org.abs().max(Vec3::ONE) * SLACK).copysign(inv);
+        // The cross product of two columns of the inverse is a row of the map over its determinant.
+        let faces = if ray.is_lod { (dir.abs().as_dvec3() / linear.determinant().abs()).as_vec3() } else { Vec3::ZERO };
+        Self { from, org: org.to_array(), inv: inv.to_array(), slack: slack.to_array(), faces: faces.to_array() }
+    }
+
+    /// Distances, from `from`, at which the ray enters and leaves four boxes.
+    #[inline(always)]
+    pub fn four(&self, boxes: &[[f32; 4]; 6]) -> [[f32; 4]; 2] {
+        let (mut enter, mut leave) = ([f32::NEG_INFINITY; 4], [f32::INFINITY; 4]);
+        for axis in 0..3 {
+            let (org, inv, slack) = (self.org[axis], self.inv[axis], self.slack[axis]);
+            let is_positive = inv >= 0.0;
+            let (near, far) = if is_positive { (axis, axis + 3) } else { (axis + 3, axis) };
+            for i in 0..4 {
+                enter[i] = enter[i].max((boxes[near][i] - slack - org) * inv);
+                leave[i] = leave[i].min((boxes[far][i] + slack - org) * inv);
+            }
+        }
+        [enter, leave]
+    }
+
+    /// The same of one box.
+    #[inline(always)]
+    pub fn one(&self, planes: &Planes) -> [f32; 2] {
+        let [enter, leave] = self.four(&planes.map(|plane| [plane; 4]));
+        [enter[0], leave[0]]
+    }
+
+    /// Area of a box as the ray sees it, times the direction's length.
+    #[inline(always)]
+    pub fn area(&self, planes: &Planes) -> f32 {
+        let [x, y, z] = [0, 1, 2].map(|axis| planes[axis + 3] - planes[axis]);
+        self.faces[0] * y * z + self.faces[1] * z * x + self.faces[2] * x * y
+    }
+}
