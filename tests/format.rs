@@ -97,7 +97,7 @@ fn header_and_footer() {
     let sizes = numbers(&range_of(begin, "block size").replace(',', ""));
     assert_eq!(sizes, [*BLOCK_SIZES.start(), *BLOCK_SIZES.end(), DEFAULT_BLOCK_SIZE].map(u64::from));
     assert_eq!(range_of(begin, "option: bytes of a sample"), format!("{} with structure `bvh`", lod::SAMPLE_BYTES));
-    assert!(range_of(begin, "structure").starts_with("1 `bvh`"));
+    assert!(range_of("### Trees", "structure").starts_with("1 `bvh`"));
     assert_eq!(fields(begin).last().map(|f| f.name), Some(&*format!("checksum of bytes 0 to {}", HEADER_LEN - 9)));
 
     let footer = &bytes[len - FOOTER_LEN..];
@@ -221,6 +221,7 @@ fn rows_of_tables() {
             ("first geometry block", le!(tree.first_block)),
             ("geometry blocks", le!(tree.block_count)),
             ("root", le!(tree.root)),
+            ("structure", le!(tree.structure)),
             ("origin", le_f64s(&tree.origin)),
             ("bounds", le_f32s(&tree.bounds)),
             ("triangles", le!(tree.triangles)),

@@ -78,6 +78,7 @@ impl Model {
             block_count,
             class_blocks: [block_count, 0, 0, 0],
             root: 7,
+            structure: 1,
             origin: [1e7, 0.0, -1.0],
             bounds: [-1.0, -2.0, -3.0, 1.0, 2.0, 3.0],
             triangles: 20,
@@ -464,7 +465,8 @@ prop_compose! {
         rows.into_iter().map(|(block_count, n, p)| {
             let bounds = [0.0, -1.0, -2.0, f32::MAX, p[0].abs().min(1e30), p[1].abs().min(1.0)];
             let tree = TreeRow {
-                first_block, block_count, class_blocks: classes(block_count, n), root: n,
+                first_block, block_count, class_blocks: classes(block_count, n), root: n as u32,
+                structure: 1 + (n >> 40) as u32,
                 origin: [f64::from(n as u32), 1e300, -0.5],
                 bounds: bounds.map(|v| if v.is_nan() { 7.0 } else { v }),
                 triangles: n >> 9, references: n >> 8, nodes: n >> 10, leaves: n >> 11, position_error: 1e-30,

@@ -75,7 +75,8 @@ impl BakeOp for Mesh<'_, '_> {
         let Self { output, spool, options, index, assembly, span } = self;
         let row = TreeRow {
             first_block: output.writer.blocks_written(),
-            root: B::root().into(),
+            root: B::root(),
+            structure: options.structure as u32,
             local_parts: spool.local_parts,
             ..TreeRow::EMPTY
         };

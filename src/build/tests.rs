@@ -14,6 +14,8 @@ use crate::structure::{LocalRay, Outcome, PacketWalk, Stream, Tree, TriHit, Visi
 use glam::{DVec3, Vec3};
 use std::sync::Arc;
 
+mod by_tree;
+
 /// A small generator of repeatable numbers (PCG, XSH-RR).
 struct Random(u64);
 

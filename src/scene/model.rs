@@ -474,7 +474,7 @@ fn needs_of(outline: &Outline, cancel: &Cancel) -> Result<Needs> {
         blocks_read.hold(row);
         if let Some(tree) = begins {
             blocks_read.pin(row);
-            entered += open::entered_blocks(outline.header().structure, tree);
+            entered += open::entered_blocks(tree);
         }
     })?;
     Ok(Needs::of_blocks(blocks, geometry, entered).and(blocks_read))

@@ -11,7 +11,7 @@ pub const MAGIC: [u8; 8] = *b"\x8fOCR\r\n\x1a\n";
 /// The first eight bytes of the footer.
 pub const FOOTER_MAGIC: [u8; 8] = *b"\n\x1a\n\rRCO\x8f";
 /// The format version, major and minor, that the library writes, and the newest that it reads.
-pub const VERSION: (u16, u16) = (0, 11);
+pub const VERSION: (u16, u16) = (0, 12);
 /// Number of bytes of the header.
 pub const HEADER_LEN: usize = 256;
 /// Number of bytes of the footer.
@@ -58,7 +58,8 @@ pub struct Options {
 /// Facts about a model that are known before the rest of the file is read.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Header {
-    /// Number of the acceleration structure, not 0. The module `structure` defines the valid numbers.
+    /// Number of the acceleration structure that the build asked for, not 0: information only. Each tree's own is
+    /// [`TreeRow::structure`](super::TreeRow::structure).
     pub structure: u32,
     /// Maximum number of bytes of a block's trace form, in [`BLOCK_SIZES`].
     pub block_size: u32,

@@ -102,7 +102,9 @@ pub struct TreeRow {
     /// blocks.
     pub class_blocks: [u32; CLASSES],
     /// Root of the tree, in an encoding of the structure.
-    pub root: u64,
+    pub root: u32,
+    /// Number of the tree's acceleration structure, not 0. The module `structure` defines the valid numbers.
+    pub structure: u32,
     /// Point that the tree's f32 positions are relative to, in the tree's own f64 coordinates; finite.
     pub origin: [f64; 3],
     /// Bounds relative to the origin: least corner, then greatest corner. Either finite or [`EMPTY_BOUNDS_F32`].
@@ -124,12 +126,13 @@ pub struct TreeRow {
 }
 
 impl TreeRow {
-    /// A tree without triangles and blocks.
+    /// A tree of structure 1 without triangles and blocks.
     pub const EMPTY: Self = Self {
         first_block: 0,
         block_count: 0,
         class_blocks: [0; CLASSES],
         root: 0,
+        structure: 1,
         origin: [0.0; 3],
         bounds: EMPTY_BOUNDS_F32,
         triangles: 0,
@@ -242,6 +245,7 @@ impl Others<'_> {
             let sum: u64 = tree.class_blocks.iter().map(|&blocks| u64::from(blocks)).sum();
             ensure(sum == u64::from(tree.block_count), "the block counts of the classes are inconsistent")?;
             ensure(tree.class_blocks[0] > 0 || tree.block_count == 0, "there is no coarse block")?;
+            ensure(tree.structure != 0, "the structure is 0")?;
             ensure(tree.local_parts as usize <= self.parts, "there are more local parts than parts")?;
             ensure(is_finite(&tree.origin), "invalid origin")?;
             check_bounds(&tree.bounds.map(f64::from))?;
@@ -364,7 +368,8 @@ impl FileRow for TreeRow {
     fn encode(&self, out: &mut Vec<u8>) {
         out.put_u32(self.first_block);
         out.put_u32(self.block_count);
-        out.put_u64(self.root);
+        out.put_u32(self.root);
+        out.put_u32(self.structure);
         out.put_f64s(&self.origin);
         out.put_f32s(&self.bounds);
         out.put_u64(self.triangles);
@@ -383,7 +388,8 @@ impl PlainRow for TreeRow {
         Ok(Self {
             first_block: r.u32()?,
             block_count: r.u32()?,
-            root: r.u64()?,
+            root: r.u32()?,
+            structure: r.u32()?,
             origin: r.f64s()?,
             bounds: r.f32s()?,
             triangles: r.u64()?,

@@ -24,7 +24,8 @@ const TREE: TreeRow = TreeRow {
     first_block: 0,
     block_count: 2,
     class_blocks: [1, 1, 0, 0],
-    root: u64::MAX,
+    root: u32::MAX,
+    structure: 7,
     origin: [1e7, 2.0, 3.0],
     bounds: [-1.0, -1.0, -1.0, 1.0, 1.0, 1.0],
     triangles: 10,
@@ -47,7 +48,8 @@ struct Sample {
 impl Sample {
     fn new() -> Self {
         let parts = vec![part("root", None), part("Schräube ∅3", Some(0)), part("", Some(1))];
-        let trees = vec![TREE, TreeRow { first_block: 2, block_count: 1, class_blocks: [1, 0, 0, 0], ..TREE }];
+        let trees =
+            vec![TREE, TreeRow { first_block: 2, block_count: 1, class_blocks: [1, 0, 0, 0], structure: 9, ..TREE }];
         let header = Header { geometry_blocks: 3, ..Header::default() };
         Self { header, parts, materials: vec![MATERIAL], instances: vec![INSTANCE; 2], trees }
     }
@@ -133,7 +135,7 @@ fn names_must_be_utf8() {
 #[test]
 fn every_documented_range_is_checked() {
     type Damage = (&'static str, fn(&mut Sample));
-    let damage: [Damage; 27] = [
+    let damage: [Damage; 28] = [
         ("own parent", |s| s.parts[1].parent = Some(1)),
         ("later parent", |s| s.parts[1].parent = Some(2)),
         ("no such parent", |s| s.parts[1].parent = Some(9)),
@@ -158,6 +160,7 @@ fn every_documented_range_is_checked() {
         ("no coarse block", |s| s.trees[0].class_blocks = [0, 2, 0, 0]),
         ("class counts with a sum beyond 32 bits", |s| s.trees[0].class_blocks = [3, u32::MAX, 0, 0]),
         ("more local parts than parts", |s| s.trees[0].local_parts = 4),
+        ("structure 0", |s| s.trees[1].structure = 0),
         ("sums beyond 64 bits", |s| s.trees[1].references = u64::MAX),
         ("NaN origin", |s| s.trees[0].origin[0] = f64::NAN),
         ("negative error", |s| s.trees[0].position_error = -1.0),

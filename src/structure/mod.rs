@@ -3,8 +3,8 @@
 //! The interface consists of these modules: `ray` (rays in a tree's frame), `hit` (results of walks), `filter` (tests
 //! that reject hits), `place` and `cursor` (descent through a tree of any structure), `walk`, `packet` and `stream`
 //! (the state of rays), `tree` (one enum over all structures: rays in, hits out), `open` (from a file to its trees, and
-//! the decoder for residency), `nodes` (nodes by their places, for programs that walk trees by themselves), `bake`
-//! (triangles in, blocks out), `pairs` (walks through pairs of trees), `rows` (children and triangles of a place, eight
+//! the decoder for residency), `by_tree` (the decoder of a file whose trees have several structures), `nodes` (nodes by
+//! their places, for programs that walk trees by themselves), `bake` (triangles in, blocks out), `pairs` (walks through pairs of trees), `rows` (children and triangles of a place, eight
 //! at a time), `nearest` (distances from a point to them), `streams` (per-triangle numbers in blocks of their own),
 //! `fallback` (packets and streams for a structure that traces single rays only).
 //!
@@ -19,6 +19,7 @@ pub mod bake;
 pub mod brute;
 mod bytes;
 pub mod bvh;
+mod by_tree;
 pub mod cell;
 pub mod cursor;
 pub mod fallback;
@@ -62,7 +63,7 @@ pub use stream::Stream;
 pub use tree::{Appearance, Blocks, Bundle, MemberChild, MemberLook, Members, Move, NEVER, Tree, Visit};
 pub use walk::Walk;
 
-/// Acceleration structure of a model.
+/// Acceleration structure of a tree.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[repr(u32)]
 pub enum Structure {

@@ -4,6 +4,7 @@ use super::Structure;
 #[cfg(any(test, feature = "brute"))]
 use super::brute;
 use super::bvh;
+use super::by_tree::ByTree;
 use super::hit::Triangle;
 use super::nodes::{LeafTriangle, Node, Starts};
 use super::patch;
@@ -57,19 +58,12 @@ enum Start {
     Brute(brute::open::Start),
 }
 
-/// Opens the trees of a file. Fails with `Corrupt` if this version does not know the structure, or if a tree's row
-/// contradicts itself.
+/// Opens the trees of a file. Fails with `Corrupt` if this version does not know the structure of a tree, or if a
+/// tree's row contradicts itself.
 pub fn open(file: &ModelFile) -> Result<Opened> {
-    let structure = structure_of(file)?;
-    let header = file.header();
-    let decoder: Box<dyn Decoder> = match structure {
-        Structure::Bvh => Box::new(bvh::BvhDecoder::new(header, file.trees())),
-        Structure::Patch => Box::new(patch::PatchDecoder::new(header, file.trees())),
-        #[cfg(any(test, feature = "brute"))]
-        Structure::Brute => Box::new(brute::BruteDecoder::new(header, file.trees())),
-    };
+    let decoder = decoder(file)?;
     let start = |index: u32, row: &TreeRow| {
-        let start = match structure {
+        let start = match structure_of(file, row)? {
             Structure::Bvh => bvh::open::Start::of(file, row).map(Start::Bvh),
             Structure::Patch => patch::open::Start::of(file, row).map(Start::Patch),
             #[cfg(any(test, feature = "brute"))]
@@ -84,14 +78,45 @@ pub fn open(file: &ModelFile) -> Result<Opened> {
     Ok(Opened { decoder, trees })
 }
 
-/// Bytes of memory for `trees` opened trees, those of the decoder included.
+/// Returns the decoder of a file: that of its trees' structure if they have one, or one that asks for each block the
+/// decoder of its tree's structure.
+fn decoder(file: &ModelFile) -> Result<Box<dyn Decoder>> {
+    let (header, trees) = (file.header(), file.trees());
+    let decoder = |structure: Structure| -> Box<dyn Decoder> {
+        match structure {
+            Structure::Bvh => Box::new(bvh::BvhDecoder::new(header, trees)),
+            Structure::Patch => Box::new(patch::PatchDecoder::new(header, trees)),
+            #[cfg(any(test, feature = "brute"))]
+            Structure::Brute => Box::new(brute::BruteDecoder::new(header, trees)),
+        }
+    };
+    let mut there: Vec<Structure> = Vec::with_capacity(Structure::ALL.len());
+    for tree in trees {
+        let structure = structure_of(file, tree)?;
+        if !there.contains(&structure) {
+            there.push(structure);
+        }
+    }
+    Ok(match there[..] {
+        // A file without trees has no blocks.
+        [] => decoder(Structure::default()),
+        [only] => decoder(only),
+        _ => {
+            let decoders = there.iter().map(|&structure| (structure as u32, decoder(structure))).collect();
+            Box::new(ByTree::new(header, trees, decoders)?)
+        }
+    })
+}
+
+/// Bytes of memory for `trees` opened trees, those of the decoders included.
 pub fn bytes_for(trees: u64) -> u64 {
-    trees.saturating_mul((size_of::<StoredTree>() + bvh::BvhDecoder::BYTES_A_TREE) as u64)
+    let of_decoders = bvh::BvhDecoder::BYTES_A_TREE + patch::PatchDecoder::BYTES_A_TREE + ByTree::BYTES_A_TREE;
+    trees.saturating_mul((size_of::<StoredTree>() + of_decoders) as u64)
 }
 
 /// Number of blocks of a tree that other blocks may refer to.
-pub fn entered_blocks(structure: u32, tree: &TreeRow) -> u32 {
-    match Structure::from_number(structure) {
+pub fn entered_blocks(tree: &TreeRow) -> u32 {
+    match Structure::from_number(tree.structure) {
         Some(Structure::Bvh) => bvh::entered_blocks(tree),
         Some(Structure::Patch) => patch::entered_blocks(tree),
         _ => 0,
@@ -101,15 +126,16 @@ pub fn entered_blocks(structure: u32, tree: &TreeRow) -> u32 {
 /// Checks references between the blocks of a file, which no block can check by itself. Skips blocks that are not in
 /// memory. Fails with the block and the fault.
 pub fn check_links(file: &ModelFile, snapshot: &Snapshot) -> std::result::Result<(), (BlockId, String)> {
-    match structure_of(file) {
-        Ok(Structure::Bvh) => bvh::check_links(snapshot, file.trees()),
+    // No block refers to a block of another tree: decoders refuse that.
+    file.trees().iter().try_for_each(|tree| match structure_of(file, tree) {
+        Ok(Structure::Bvh) => bvh::check_links(snapshot, std::slice::from_ref(tree)),
         // The statements of blocks about each other are compared as they are read.
         Ok(Structure::Patch) => Ok(()),
         // Each block of this structure checks its own references.
         #[cfg(any(test, feature = "brute"))]
         Ok(Structure::Brute) => Ok(()),
-        Err(why) => Err((BlockId(0), why.to_string())),
-    }
+        Err(why) => Err((BlockId(tree.first_block), why.to_string())),
+    })
 }
 
 /// The parts of a geometry block, for the check of the lists of parts.
@@ -124,7 +150,7 @@ pub struct ListedParts {
 
 /// Returns the parts of geometry block `id`, which holds the decoded `words` and belongs to `tree`.
 pub fn block_parts(file: &ModelFile, tree: &TreeRow, id: BlockId, words: &[u32]) -> Result<ListedParts> {
-    let mut found = match structure_of(file)? {
+    let mut found = match structure_of(file, tree)? {
         Structure::Bvh => bvh::block_parts(tree, id, words),
         Structure::Patch => patch::block_parts(tree, id, words),
         #[cfg(any(test, feature = "brute"))]
@@ -147,7 +173,7 @@ pub struct Holder {
 /// Returns block `index` of those of a tree that hold triangles; `None` behind the last.
 pub fn holder(file: &ModelFile, tree: &TreeRow, index: usize) -> Result<Option<Holder>> {
     let index = u32::try_from(index).unwrap_or(u32::MAX);
-    let (first, count, apart) = match structure_of(file)? {
+    let (first, count, apart) = match structure_of(file, tree)? {
         Structure::Bvh => bvh::holders(tree),
         Structure::Patch => patch::holders(tree),
         #[cfg(any(test, feature = "brute"))]
@@ -162,10 +188,12 @@ pub fn name(number: u32) -> &'static str {
     Structure::from_number(number).map_or("unknown", Structure::name)
 }
 
-fn structure_of(file: &ModelFile) -> Result<Structure> {
-    let number = file.header().structure;
-    let unknown = || Error::corrupt(file.name(), None, format!("this version does not support structure {number}"));
-    Structure::from_number(number).ok_or_else(unknown)
+fn structure_of(file: &ModelFile, tree: &TreeRow) -> Result<Structure> {
+    let unknown = || {
+        let why = format!("this version does not support structure {}", tree.structure);
+        Error::corrupt(file.name(), Some(tree.first_block), why)
+    };
+    Structure::from_number(tree.structure).ok_or_else(unknown)
 }
 
 fn stored(row: &TreeRow, start: Start, index: u32) -> StoredTree {

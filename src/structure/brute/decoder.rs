@@ -5,23 +5,25 @@ use crate::base::ids::BlockId;
 use crate::lod::Coded;
 use crate::residency::{BlockClass, Decoder};
 use crate::store::{Header, TreeRow};
+use crate::structure::Structure;
 use crate::structure::open::ListedParts;
 use crate::structure::streams::{self, Kind, Streams};
 
-/// Decodes the blocks of a model of structure `brute`.
+/// Decodes the blocks of the trees of structure `brute`, and the streams of a model.
 #[derive(Debug, Clone)]
 pub struct BruteDecoder {
     streams: Streams,
-    /// Block ranges of the trees, ascending.
+    /// Block ranges of the trees of this structure, ascending.
     trees: Vec<Range>,
 }
 
 impl BruteDecoder {
-    /// A decoder for a model with this header and these trees.
+    /// A decoder for the trees of this structure among those of a model with this header.
     pub fn new(header: &Header, trees: &[TreeRow]) -> Self {
         let range =
             |t: &TreeRow| Range { lists: t.first_block + t.class_blocks[0], end: t.first_block + t.block_count };
-        Self { streams: Streams::of(header), trees: trees.iter().map(range).collect() }
+        let own = trees.iter().filter(|tree| tree.structure == Structure::Brute as u32);
+        Self { streams: Streams::of(header), trees: own.map(range).collect() }
     }
 
     fn tree_of(&self, id: u32) -> Option<Range> {

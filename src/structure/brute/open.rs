@@ -24,7 +24,7 @@ impl Start {
     /// Returns the start of a tree of `file`. Fails with the fault if its blocks do not form a tree of this structure.
     pub fn of(file: &ModelFile, row: &TreeRow) -> Result<Self, &'static str> {
         let is_empty = row.block_count == 0;
-        if !(is_empty || row.root == u64::from(INDEX)) {
+        if !(is_empty || row.root == INDEX) {
             return Err("the root of the tree does not exist");
         }
         let [_, lists, others @ ..] = row.class_blocks;

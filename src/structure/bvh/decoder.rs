@@ -6,16 +6,17 @@ use super::layout::{Block, COARSE, Child, FINE, INDEX_MASK, KIND_SHIFT, MAX_WORD
 use crate::base::ids::BlockId;
 use crate::residency::{BlockClass, Decoder, Entries, MOST_NODES, Reference, Snapshot, Statements};
 use crate::store::{Header, TreeRow};
+use crate::structure::Structure;
 use crate::structure::open::ListedParts;
 use crate::structure::streams::{self, Kind, Streams};
 use std::collections::HashSet;
 use std::hash::{BuildHasher, RandomState};
 
-/// Decodes the blocks of a model of structure `bvh`.
+/// Decodes the blocks of the trees of structure `bvh`, and the streams of a model.
 #[derive(Debug, Clone)]
 pub struct BvhDecoder {
     streams: Streams,
-    /// Block ranges of the trees, ascending.
+    /// Block ranges of the trees of this structure, ascending.
     trees: Vec<TreeBlocks>,
     /// Key of the hash by which two lists of leaf positions are compared. It is random for each decoder, so no file can
     /// be constructed in which two different lists compare equal.
@@ -25,16 +26,26 @@ pub struct BvhDecoder {
 /// Block ranges of a tree.
 #[derive(Debug, Clone, Copy)]
 struct TreeBlocks {
+    /// The first block.
+    first: u32,
     /// One past the last coarse block.
     coarse_end: u32,
     /// One past the last fine block.
     fine_end: u32,
     /// One past the last leaf block.
     end: u32,
+}
+
+impl TreeBlocks {
     /// See [`leaves_at`].
-    leaves_at: u32,
+    fn leaves_at(&self) -> u32 {
+        self.fine_end - self.coarse_end
+    }
+
     /// True if one block holds the whole tree.
-    is_one: bool,
+    fn is_one(&self) -> bool {
+        self.end - self.first == 1
+    }
 }
 
 /// Difference between the id of a leaf block and the id of its fine block; 0 for a tree of one block.
@@ -61,33 +72,30 @@ impl BvhDecoder {
     /// Bytes of memory for each tree.
     pub const BYTES_A_TREE: usize = size_of::<TreeBlocks>();
 
-    /// A decoder for a model with this header and these trees.
+    /// A decoder for the trees of this structure among those of a model with this header.
     pub fn new(header: &Header, trees: &[TreeRow]) -> Self {
+        let own = || trees.iter().filter(|tree| tree.structure == Structure::Bvh as u32);
         let blocks = |t: &TreeRow| TreeBlocks {
+            first: t.first_block,
             coarse_end: t.first_block + t.class_blocks[COARSE],
             fine_end: t.first_block + t.class_blocks[COARSE] + leaves_at(t),
             end: t.first_block + t.block_count,
-            leaves_at: leaves_at(t),
-            is_one: t.block_count == 1,
         };
-        Self { streams: Streams::of(header), trees: trees.iter().map(blocks).collect(), key: RandomState::new() }
+        // Opening pays for the rows that there are, and a filter would collect them into more.
+        let mut rows = Vec::with_capacity(own().count());
+        rows.extend(own().map(blocks));
+        Self { streams: Streams::of(header), trees: rows, key: RandomState::new() }
     }
 
     /// Returns the tree that a geometry block belongs to.
     fn tree_of(&self, id: u32) -> Option<&TreeBlocks> {
-        self.trees.get(self.trees.partition_point(|t| t.end <= id))
-    }
-
-    /// Id of the first block of the tree that a geometry block belongs to.
-    fn first_of_tree(&self, id: u32) -> u32 {
-        let before = self.trees.partition_point(|t| t.end <= id).checked_sub(1);
-        before.and_then(|tree| self.trees.get(tree)).map_or(0, |tree| tree.end)
+        self.trees.get(self.trees.partition_point(|t| t.end <= id)).filter(|t| t.first <= id)
     }
 
     fn geometry(&self, id: u32, payload: &[u8]) -> Result<Vec<u32>, String> {
         let tree = self.tree_of(id).ok_or("the block belongs to no tree")?;
         let holds = match id {
-            _ if tree.is_one => Holds::All,
+            _ if tree.is_one() => Holds::All,
             id if id < tree.coarse_end => Holds::Nodes,
             id if id < tree.fine_end => Holds::NodesOverLeaves,
             _ => Holds::Leaves,
@@ -114,9 +122,9 @@ impl Decoder for BvhDecoder {
         let block = Block::new(words);
         let mut references: Vec<Reference> =
             nodes_elsewhere(&block).map(|(to, node)| Reference::To(to, node)).collect();
-        if let Some(tree) = self.tree_of(id.0).filter(|tree| !tree.is_one && id.0 >= tree.coarse_end) {
+        if let Some(tree) = self.tree_of(id.0).filter(|tree| !tree.is_one() && id.0 >= tree.coarse_end) {
             let is_leaf_block = id.0 >= tree.fine_end;
-            let leaf_block = if is_leaf_block { id.0 } else { id.0 + tree.leaves_at };
+            let leaf_block = if is_leaf_block { id.0 } else { id.0 + tree.leaves_at() };
             let starts = if is_leaf_block { leaves_in_order(&block) } else { leaves_named(&block) };
             references.push(Reference::Agreed(BlockId(leaf_block), self.key.hash_one(starts)));
         }
@@ -129,9 +137,9 @@ impl Decoder for BvhDecoder {
         let is_fine = (tree.coarse_end..tree.fine_end).contains(&id.0);
         BlockClass {
             is_coarse: id.0 < tree.coarse_end,
-            below: is_fine.then(|| BlockId(id.0 + tree.leaves_at)),
+            below: is_fine.then(|| BlockId(id.0 + tree.leaves_at())),
             is_read_ahead,
-            is_entered: id.0 < tree.fine_end && id.0 > self.first_of_tree(id.0),
+            is_entered: id.0 < tree.fine_end && id.0 > tree.first,
         }
     }
 }

@@ -31,8 +31,8 @@ impl Start {
     /// Returns the start of a tree of `file`. Fails with the fault if the root is not a node or the numbers of blocks
     /// contradict each other. The root's existence is checked when its block is read.
     pub fn of(file: &ModelFile, row: &TreeRow) -> Result<Self, &'static str> {
-        let child = u32::try_from(row.root).ok().filter(|root| *root <= u32::from(u16::MAX));
-        let is_node = matches!(child.map(Child::from_bits), Some(Child::Node(index)) if index < MAX_NODES);
+        let is_child = row.root <= u32::from(u16::MAX);
+        let is_node = is_child && matches!(Child::from_bits(row.root), Child::Node(index) if index < MAX_NODES);
         let is_empty = row.block_count == 0;
         if !(is_node || is_empty) {
             return Err("the root of the tree does not exist");
@@ -46,7 +46,7 @@ impl Start {
         Ok(Self {
             first_block: row.first_block,
             leaves_at: leaves_at(row),
-            root: if is_empty { TreeView::EMPTY } else { row.root as u32 },
+            root: if is_empty { TreeView::EMPTY } else { row.root },
             prims_at: header.geometry_blocks,
             colours_at: header.colours_at(),
             normals_at: header.normals_at(),

@@ -9,6 +9,7 @@ use crate::base::ids::BlockId;
 use crate::lod::{Coded, LEVEL, stopped};
 use crate::residency::{BlockClass, Decoder, Entries, MOST_NODES, Reference, Statements};
 use crate::store::{Header, TreeRow};
+use crate::structure::Structure;
 use crate::structure::open::ListedParts;
 use crate::structure::streams::{self, Kind, Streams};
 use std::hash::{BuildHasher, RandomState};
@@ -72,13 +73,13 @@ pub fn block_parts(tree: &TreeRow, id: BlockId, words: &[u32]) -> ListedParts {
 }
 
 impl PatchDecoder {
-    /// A decoder for the trees of a model with this header.
+    /// Bytes of memory for each tree.
+    pub const BYTES_A_TREE: usize = size_of::<TreeBlocks>();
+
+    /// A decoder for the trees of this structure among those of a model with this header.
     pub fn new(header: &Header, trees: &[TreeRow]) -> Self {
-        Self {
-            streams: Streams::of(header),
-            trees: trees.iter().map(TreeBlocks::of).collect(),
-            key: RandomState::new(),
-        }
+        let own = trees.iter().filter(|tree| tree.structure == Structure::Patch as u32);
+        Self { streams: Streams::of(header), trees: own.map(TreeBlocks::of).collect(), key: RandomState::new() }
     }
 
     fn tree_of(&self, id: u32) -> Option<TreeBlocks> {

@@ -90,7 +90,7 @@ impl OneTree {
         TreeView {
             snapshot,
             root_block: row.first_block,
-            root: row.root as u32,
+            root: row.root,
             max_coord: row.bounds.iter().fold(f32::MIN_POSITIVE, |max_coord, x| max_coord.max(x.abs())),
             leaves_at: leaves_at(row),
             prims_at: self.file.header().geometry_blocks,

@@ -238,7 +238,7 @@ fn tree(c: &mut Content, u: &mut Unstructured) -> Result<()> {
             let class = u.int_in_range(0..=3)?;
             tree.class_blocks[class] = near(u, tree.class_blocks[class].into())? as u32;
         }
-        3 => tree.root = near(u, tree.root)?,
+        3 => tree.root = near(u, tree.root.into())? as u32,
         4 => tree.origin[u.int_in_range(0..=2)?] = float(u)?,
         5 => tree.bounds[u.int_in_range(0..=5)?] = float(u)? as f32,
         6 => tree.triangles = near(u, tree.triangles)?,
@@ -255,7 +255,11 @@ fn tree(c: &mut Content, u: &mut Unstructured) -> Result<()> {
 fn header(c: &mut Content, u: &mut Unstructured) -> Result<()> {
     let header = &mut c.header;
     match u.int_in_range(0..=8)? {
-        0 => header.structure = number(u)? as u32,
+        // The header's structure alone decides nothing.
+        0 => {
+            header.structure = number(u)? as u32;
+            c.trees.iter_mut().take(1).for_each(|tree| tree.structure = header.structure);
+        }
         1 => header.block_size = *u.choose(&[1024, 4096, 65536, 1 << 20, 1 << 24])?,
         2 => header.metres_per_unit = float(u)?,
         3 => header.up = number(u)? as u32,
