@@ -46,6 +46,13 @@ impl CageMesh<'_> {
         cancel: &Cancel,
         emit: &mut dyn FnMut(u32, &Micro) -> Result<()>,
     ) -> Result<()> {
+        let cage = self.checked()?;
+        let quads = self.quads(&cage)?;
+        dice(&quads, self.dicing(dicing), cancel, &mut |quad, micro| emit(self.part(quads.face(quad)), micro))
+    }
+
+    /// The cage. Fails with `BadArgument`, which names the face, edge or vertex that is wrong.
+    pub fn checked(&self) -> Result<Cage> {
         let faces = self.desc.face_sizes.len();
         if self.parts.len() != faces && self.parts.len() != 1 {
             return Err(Error::BadArgument(format!("cage: {faces} faces, but {} parts", self.parts.len())));
@@ -55,15 +62,25 @@ impl CageMesh<'_> {
             let why = format!("cage: vertex {i} (from 0) is not finite, or exceeds {MAX_COORDINATE:e}");
             return Err(Error::BadArgument(why));
         }
-        let cage = Cage::new(&self.desc, self.positions.len())?;
-        let part = |face: u32| self.parts[if self.parts.len() == 1 { 0 } else { face as usize }];
-        let quads = CageQuads::new(&cage, self.positions, self.displacement)?;
-        // The quads have half the sides of the faces.
-        let dicing = match or_default(dicing, extent(self.positions)) {
+        Cage::new(&self.desc, self.positions.len())
+    }
+
+    /// The quads of the limit surface of its cage, as [`Self::checked`] gives it. Fails as [`CageQuads::new`].
+    pub fn quads<'c>(&'c self, cage: &'c Cage) -> Result<CageQuads<'c>> {
+        CageQuads::new(cage, self.positions, self.displacement)
+    }
+
+    /// How finely [`Self::quads`] are diced if `dicing` is asked for the faces. They have half the sides of the faces.
+    pub fn dicing(&self, dicing: Option<Dicing>) -> Dicing {
+        match or_default(dicing, extent(self.positions)) {
             Dicing::Level(level) => Dicing::Level(level.saturating_sub(1)),
             tolerance => tolerance,
-        };
-        dice(&quads, dicing, cancel, &mut |quad, micro| emit(part(quads.face(quad)), micro))
+        }
+    }
+
+    /// The part of a face.
+    pub fn part(&self, face: u32) -> u32 {
+        self.parts[if self.parts.len() == 1 { 0 } else { face as usize }]
     }
 }
 
@@ -92,10 +109,8 @@ impl NurbsMesh<'_> {
         cancel: &Cancel,
         emit: &mut dyn FnMut(u32, &Micro) -> Result<()>,
     ) -> Result<()> {
-        let surface = Nurbs::new(&self.desc)?;
-        let extent = if self.extent > 0.0 { self.extent } else { extent(self.desc.points) };
-        let mut turned = Micro::default();
-        dice(&NurbsQuads::new(&surface, self.domain), or_default(dicing, extent), cancel, &mut |_, micro| {
+        let (surface, mut turned) = (self.checked()?, Micro::default());
+        dice(&self.quads(&surface), self.dicing(dicing), cancel, &mut |_, micro| {
             if !self.is_reversed {
                 return emit(self.part, micro);
             }
@@ -105,6 +120,21 @@ impl NurbsMesh<'_> {
             turned.normals.extend(micro.normals.iter().map(|[a, b, c]| [-a, -c, -b]));
             emit(self.part, &turned)
         })
+    }
+
+    /// The surface. Fails with `BadArgument`, which names the argument that is wrong.
+    pub fn checked(&self) -> Result<Nurbs> {
+        Nurbs::new(&self.desc)
+    }
+
+    /// The quads of its surface, as [`Self::checked`] gives it. Their normals are along du × dv, also if it is reversed.
+    pub fn quads<'s>(&self, surface: &'s Nurbs) -> NurbsQuads<'s> {
+        NurbsQuads::new(surface, self.domain)
+    }
+
+    /// How finely [`Self::quads`] are diced if `dicing` is asked.
+    pub fn dicing(&self, dicing: Option<Dicing>) -> Dicing {
+        or_default(dicing, if self.extent > 0.0 { self.extent } else { extent(self.desc.points) })
     }
 }
 

@@ -36,10 +36,13 @@ pub fn on_side(side: usize, t: f64) -> (f64, f64) {
 }
 
 impl Use {
-    /// The point at parameter `t` of the edge.
-    fn point<Q: Quads>(self, surface: &Q, t: f64) -> DVec3 {
-        let (u, v) = on_side(self.which.into(), if self.is_reversed { 1.0 - t } else { t });
-        surface.sample(self.quad as usize, u, v).position
+    /// The points at parameters of the edge.
+    fn curve<Q: Quads>(self, surface: &Q) -> impl Fn(f64) -> DVec3 {
+        let sample = surface.sampler(self.quad as usize);
+        move |t| {
+            let (u, v) = on_side(self.which.into(), if self.is_reversed { 1.0 - t } else { t });
+            sample(u, v).position
+        }
     }
 }
 
@@ -77,7 +80,7 @@ impl Edges {
                     return 0;
                 }
                 let least = surface.least_level(it.quad as usize);
-                levels::of_edge(&|t| it.point(surface, t), least, dicing)
+                levels::of_edge(&it.curve(surface), least, dicing)
             };
             self.levels[edge as usize] = self.uses_of(edge).iter().map(of_use).max().unwrap_or(0) as u8;
         }
@@ -93,26 +96,26 @@ impl Edges {
         u32::from(self.levels[edge as usize])
     }
 
-    /// The mean of the points that quads have at a vertex.
-    pub fn vertex(&self, vertex: u32) -> DVec3 {
-        self.vertices[vertex as usize]
-    }
-
-    /// The points between the ends of a side, in the direction of the quad's parameter: the means of those of all quads
-    /// at the edge. They are computed in the order of these quads, hence have the same bits for each of them.
-    pub fn points<Q: Quads>(&self, surface: &Q, side: Side) -> Vec<DVec3> {
-        let (uses, count) = (self.uses_of(side.edge), 1usize << self.level(side.edge));
-        let mut points = vec![DVec3::ZERO; count - 1];
-        for it in uses {
-            for (i, point) in points.iter_mut().enumerate() {
-                *point += it.point(surface, (i + 1) as f64 / count as f64);
+    /// The points number `first` to `last` of a side's 2^level segments, in the direction of the quad's parameter. Those
+    /// at the ends, which are the vertices `ends`, are the means of all quads around; those between them are the means
+    /// of the quads at the edge. All are summed in the order of these quads, hence have the same bits for each of them.
+    pub fn points<Q: Quads>(
+        &self,
+        surface: &Q,
+        side: Side,
+        ends: [u32; 2],
+        [first, last]: [usize; 2],
+    ) -> impl Iterator<Item = DVec3> {
+        let count = 1usize << self.level(side.edge);
+        let curves: Vec<_> = self.uses_of(side.edge).iter().map(|it| it.curve(surface)).collect();
+        (first..=last).map(move |i| match i {
+            0 => self.vertices[ends[0] as usize],
+            i if i == count => self.vertices[ends[1] as usize],
+            i => {
+                let t = (if side.is_reversed { count - i } else { i }) as f64 / count as f64;
+                curves.iter().map(|at| at(t)).sum::<DVec3>() / curves.len() as f64
             }
-        }
-        points.iter_mut().for_each(|it| *it /= uses.len() as f64);
-        if side.is_reversed {
-            points.reverse();
-        }
-        points
+        })
     }
 }
 
@@ -131,10 +134,10 @@ fn means_of_corners<Q: Quads>(surface: &Q, cancel: &Cancel) -> Result<Vec<DVec3>
     let mut all = vec![(DVec3::ZERO, 0u32); surface.vertices()];
     for quad in 0..surface.count() {
         cancel.check()?;
-        for (vertex, [u, v]) in surface.corners(quad).into_iter().zip([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
-        {
+        let (sample, places) = (surface.sampler(quad), [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]);
+        for (vertex, [u, v]) in surface.corners(quad).into_iter().zip(places) {
             let (sum, count) = &mut all[vertex as usize];
-            *sum += surface.sample(quad, u, v).position;
+            *sum += sample(u, v).position;
             *count += 1;
         }
     }

@@ -34,7 +34,8 @@ pub fn of_quad<Q: Quads>(surface: &Q, quad: usize, least: u32, dicing: Dicing) -
         Dicing::Tolerance(tolerance) => tolerance * SHARE,
     };
     let least = least.max(surface.least_level(quad));
-    let at = |u: f64, v: f64| surface.sample(quad, u, v).position;
+    let sample = surface.sampler(quad);
+    let at = |u: f64, v: f64| sample(u, v).position;
     let is_near = |level: u32| {
         let count = 1usize << level;
         let looked = if surface.is_rough() { count } else { count.min(CELLS) };

@@ -6,16 +6,20 @@
 //! points of that edge. Points on edges and corners are the mean of the points that their quads have there: both sides
 //! of an edge have the same points to the last bit, also where a displacement differs between them.
 
+mod dicer;
 mod edges;
 mod levels;
 mod quad;
+#[cfg(test)]
+mod dicer_tests;
 #[cfg(test)]
 mod tests;
 
 use crate::base::error::{Error, Result};
 use crate::base::progress::Cancel;
-use edges::Edges;
 use glam::{DVec3, Vec3};
+
+pub use dicer::{Dicer, Tile};
 
 /// The highest [`Dicing::level`]: 4096 segments along a side.
 pub const MOST_LEVEL: u32 = 12;
@@ -72,8 +76,8 @@ pub struct Sample {
     pub normal: DVec3,
 }
 
-/// A surface as a set of quads over the unit square.
-pub trait Quads {
+/// A surface as a set of quads over the unit square, which threads share.
+pub trait Quads: Sync {
     /// Number of quads.
     fn count(&self) -> usize;
     /// Number of vertices: corners of quads that are numbered from 0.
@@ -86,6 +90,11 @@ pub trait Quads {
     fn sides(&self, quad: usize) -> [Side; 4];
     /// The point at (u, v).
     fn sample(&self, quad: usize, u: f64, v: f64) -> Sample;
+    /// The points of a quad, to the bit those of [`Self::sample`]. Surfaces that prepare a quad before they evaluate it
+    /// do so once.
+    fn sampler(&self, quad: usize) -> impl Fn(f64, f64) -> Sample {
+        move |u, v| self.sample(quad, u, v)
+    }
     /// The lowest level of a quad and of its sides that a tolerance may choose.
     fn least_level(&self, _quad: usize) -> u32 {
         0
@@ -116,15 +125,13 @@ impl Micro {
 /// counter-clockwise along the normals. Fails with its errors, with `BadArgument` as [`Dicing::check`], and with
 /// `Cancelled`.
 ///
-/// Memory is that of the vertices (24 bytes each), of the edges (some 30), and of two rows of a quad.
+/// Memory is that of the vertices (24 bytes each), of the edges (some 30), and of the sides and two rows of a quad.
 pub fn dice<Q: Quads>(
     surface: &Q,
     dicing: Dicing,
     cancel: &Cancel,
     emit: &mut dyn FnMut(usize, &Micro) -> Result<()>,
 ) -> Result<()> {
-    dicing.check()?;
-    let (edges, dicing) = Edges::of(surface, dicing, cancel)?;
-    let mut micro = Micro::default();
-    (0..surface.count()).try_for_each(|at| quad::dice((surface, at), (dicing, &edges), cancel, &mut micro, emit))
+    let (dicer, mut micro) = (Dicer::new(surface, dicing, cancel)?, Micro::default());
+    (0..surface.count()).try_for_each(|at| quad::dice(&dicer, at, cancel, &mut micro, emit))
 }

@@ -5,7 +5,7 @@ use super::bezier::BezierPatch;
 use super::surface::Nurbs;
 use crate::geom::surface::dice::{Quads, Sample, Side};
 use glam::DVec4;
-use std::cell::RefCell;
+use std::cell::OnceCell;
 
 /// Points are the same if they are nearer to each other than this share of the largest coordinate.
 const SAME: f64 = 1e-12;
@@ -24,8 +24,6 @@ pub struct NurbsQuads<'a> {
     line_counts: [usize; 2],
     /// The vertex of a border that is a point: at the first and last v, then at the first and last u.
     points: [Option<u32>; 4],
-    /// The last patch that was evaluated: neighbouring samples are of the same.
-    last: RefCell<Option<([usize; 2], BezierPatch)>>,
 }
 
 impl<'a> NurbsQuads<'a> {
@@ -48,8 +46,8 @@ impl<'a> NurbsQuads<'a> {
             patches = [0, 0];
         }
         let lines = [Vec::new(), Vec::new()];
-        let (halves, line_counts, points, last) = ([1; 2], [0; 2], [None; 4], RefCell::new(None));
-        let mut quads = Self { surface, domain, firsts, patches, halves, lines, line_counts, points, last };
+        let (halves, line_counts, points) = ([1; 2], [0; 2], [None; 4]);
+        let mut quads = Self { surface, domain, firsts, patches, halves, lines, line_counts, points };
         if quads.count() > 0 {
             quads.join();
         }
@@ -196,20 +194,22 @@ impl Quads for NurbsQuads<'_> {
     }
 
     fn sample(&self, quad: usize, u: f64, v: f64) -> Sample {
-        let cell = self.cell(quad);
-        let at = [0, 1].map(|axis| cell[axis] / self.halves[axis]);
-        let mut last = self.last.borrow_mut();
-        if last.as_ref().is_none_or(|(of, _)| *of != at) {
-            *last = Some((at, self.patch(at)));
+        self.sampler(quad)(u, v)
+    }
+
+    /// The patch is made at the first point: edges of one segment evaluate none.
+    fn sampler(&self, quad: usize) -> impl Fn(f64, f64) -> Sample {
+        let (cell, made) = (self.cell(quad), OnceCell::new());
+        move |u, v| {
+            let patch = made.get_or_init(|| self.patch([0, 1].map(|axis| cell[axis] / self.halves[axis])));
+            let [u, v] = [0, 1].map(|axis| {
+                let ([from, to], share) = (patch.domain()[axis], [u, v][axis]);
+                let share = ((cell[axis] % self.halves[axis]) as f64 + share) / self.halves[axis] as f64;
+                if share == 1.0 { to } else { from + (to - from) * share }
+            });
+            let point = patch.evaluate(u, v);
+            Sample { position: point.position, normal: self.surface.normal_limit_of(&point, u, v) }
         }
-        let Some((_, patch)) = &*last else { return Sample::default() };
-        let [u, v] = [0, 1].map(|axis| {
-            let ([from, to], share) = (patch.domain()[axis], [u, v][axis]);
-            let share = ((cell[axis] % self.halves[axis]) as f64 + share) / self.halves[axis] as f64;
-            if share == 1.0 { to } else { from + (to - from) * share }
-        });
-        let point = patch.evaluate(u, v);
-        Sample { position: point.position, normal: self.surface.normal_limit_of(&point, u, v) }
     }
 }
 
