@@ -32,8 +32,8 @@ mod small_cache;
 mod soups;
 #[path = "stability/starts.rs"]
 mod starts;
-#[path = "stability/surfaces.rs"]
-mod surfaces;
+#[path = "stability/smooth_surfaces.rs"]
+mod smooth_surfaces;
 #[path = "stability/table.rs"]
 mod table;
 #[path = "stability/thin.rs"]

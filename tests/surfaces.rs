@@ -7,5 +7,7 @@ mod bfr;
 mod built;
 #[path = "surfaces/deep.rs"]
 mod deep;
+#[path = "surfaces/patches.rs"]
+mod patches;
 #[path = "surfaces/refined.rs"]
 mod refined;

@@ -6,6 +6,7 @@ use super::report::{BuildReport, PhaseSeconds};
 use super::seal::{self, Asked, Gathered};
 use super::shares::Shares;
 use super::spool::Spool;
+use super::surfaces::{OwnedCage, OwnedNurbs, Shape, Surface};
 use super::values::Value;
 use super::{BuildOptions, MOST_PROXY_RAYS, Splits, normals};
 use crate::base::account::Account;
@@ -17,12 +18,13 @@ use crate::base::quota::Quota;
 use crate::base::reserve;
 use crate::base::scratch::{Scratch, ScratchSpace};
 use crate::base::threads;
+use crate::import::surfaces::{CageMesh, Heights, NurbsMesh};
 use crate::import::{
     self, Attributes, Dicing, MaterialDesc, MaterialKey, MeshKey, PartDesc, PartKey, ReadOptions, Sink, UpAxis,
 };
 use crate::math::srgb;
 use crate::store::{InstanceRow, MaterialRow, PartRow, TreeRow, sections};
-use crate::structure::Par;
+use crate::structure::{Par, Structure};
 use glam::{DAffine3, DVec3};
 use std::path::Path;
 use std::sync::Arc;
@@ -51,6 +53,12 @@ pub struct Builder {
     inputs: Inputs,
     quota: Quota,
     meshes: Vec<Spool>,
+    /// Surfaces with trees of their own.
+    surfaces: Vec<Surface>,
+    /// Primitive ids of these.
+    faces: u32,
+    /// The heights of the last surface that has some.
+    heights: Option<Arc<Heights>>,
     /// Scratch file of the meshes that did not fit memory.
     spilled: Option<Scratch>,
     /// Number of bytes of the meshes in memory.
@@ -100,6 +108,9 @@ impl Builder {
             cancel,
             begun: Instant::now(),
             meshes: vec![Spool::new(0)],
+            surfaces: Vec::new(),
+            faces: 0,
+            heights: None,
             spilled: None,
             in_memory: 0,
             assembly: Assembly { materials: vec![row_of(default)], ..Assembly::default() },
@@ -158,9 +169,12 @@ impl Builder {
                 "{unusable} normals of the input are zero or not finite: the normals of their triangles replace them"
             ));
         }
-        let Self { options, progress, cancel, notes, meshes, spilled, assembly, space, inputs, quota, .. } = self;
+        let Self {
+            options, progress, cancel, notes, meshes, surfaces, spilled, assembly, space, inputs, quota, ..
+        } = self;
         let gathered = Gathered {
             meshes,
+            surfaces,
             spilled,
             assembly,
             triangles_in: self.triangles_in,
@@ -189,6 +203,7 @@ impl Builder {
             self.declared.do_not_fit = true;
             self.assembly = Assembly { materials: self.assembly.materials[..1].to_vec(), ..Assembly::default() };
             (self.meshes, self.in_memory) = (vec![Spool::new(0)], 0);
+            self.surfaces.clear();
         }
         !self.declared.do_not_fit
     }
@@ -210,6 +225,31 @@ impl Builder {
         Shares::of(self.account.rest())
     }
 
+    /// Keeps a surface until its tree is built.
+    fn surface(&mut self, mesh: MeshKey, shape: Shape) -> Result<()> {
+        self.cancel.check()?;
+        let limit = match self.meshes.get(mesh.0 as usize) {
+            _ if self.declared.do_not_fit => return Ok(()),
+            Some(_) if mesh == MeshKey::DIRECT => self.declared.parts,
+            Some(spool) => spool.local_parts,
+            None => return Err(Error::bad_argument("surface: no such mesh")),
+        };
+        if shape.parts().iter().any(|part| *part >= limit) {
+            return Err(Error::bad_argument("surface: no such part"));
+        }
+        let faces = shape.faces();
+        let Some(next) = self.faces.checked_add(faces).filter(|next| *next < u32::MAX) else {
+            return Err(Error::bad_argument("surface: a model must have fewer than 2^32 - 1 faces"));
+        };
+        // Its bytes, those of its tree's row, and what is known of its faces while it is built.
+        if self.has_room(shape.bytes() + 3 * size_of::<TreeRow>() as u64 + 256 * u64::from(faces)) {
+            self.surfaces.push(Surface { mesh: mesh.0, first_face: self.faces, shape });
+        }
+        self.faces = next;
+        self.progress.enter(Phase::Read);
+        Ok(())
+    }
+
     /// Drops shared meshes without instances, which can never be visible, and adds a note about them.
     fn leave_out_unplaced(&mut self) {
         let mut is_placed = vec![false; self.meshes.len()];
@@ -221,6 +261,7 @@ impl Builder {
             self.in_memory -= mesh.bytes();
             *mesh = Spool::new(0);
         }
+        self.surfaces.retain(|surface| is_placed[surface.mesh as usize]);
         if meshes > 0 {
             self.notes
                 .push(format!("{meshes} shared meshes have no instances: their {triangles} triangles were left out"));
@@ -419,6 +460,27 @@ impl Sink for Builder {
 
     fn dicing(&self) -> Option<Dicing> {
         self.options.dicing
+    }
+
+    fn cage(&mut self, mesh: MeshKey, cage: &CageMesh<'_>) -> Result<()> {
+        if self.options.structure == Structure::Patch {
+            let owned = OwnedCage::of(cage, &mut self.heights)?;
+            return self.surface(mesh, Shape::Cage(owned));
+        }
+        let (dicing, cancel) = (self.dicing(), self.cancel.clone());
+        cage.dice(dicing, &cancel, &mut |part, micro| {
+            self.triangles(mesh, part, &micro.positions, Attributes::normals(&micro.normals))
+        })
+    }
+
+    fn nurbs(&mut self, mesh: MeshKey, surface: &NurbsMesh<'_>) -> Result<()> {
+        if self.options.structure == Structure::Patch {
+            return self.surface(mesh, Shape::Nurbs(OwnedNurbs::of(surface)?));
+        }
+        let (dicing, cancel) = (self.dicing(), self.cancel.clone());
+        surface.dice(dicing, &cancel, &mut |part, micro| {
+            self.triangles(mesh, part, &micro.positions, Attributes::normals(&micro.normals))
+        })
     }
 
     fn instance(&mut self, mesh: MeshKey, world_from_mesh: DAffine3, first_part: PartKey) -> Result<()> {

@@ -44,6 +44,17 @@ impl Edges {
         all
     }
 
+    /// The edges around a set of triangles, of which all others are passed once in each direction. Corners are relative
+    /// to `origin`, in the direction of the triangles.
+    pub fn around(origin: DVec3, corners: impl Iterator<Item = DVec3>) -> Self {
+        let hashes: Vec<u64> = corners.map(|corner| hash(origin + corner)).collect();
+        let mut all = Self::default();
+        for (i, from) in hashes.iter().enumerate() {
+            all.push(*from, hashes[(i + 1) % hashes.len()]);
+        }
+        all
+    }
+
     /// Adds an edge between the ends with these hashes.
     #[inline]
     fn push(&mut self, from: u64, to: u64) {

@@ -76,7 +76,7 @@ impl BakeOp for Mesh<'_, '_> {
         let row = TreeRow {
             first_block: output.writer.blocks_written(),
             root: B::root(),
-            structure: options.structure as u32,
+            structure: options.structure.of_triangles() as u32,
             local_parts: spool.local_parts,
             ..TreeRow::EMPTY
         };

@@ -6,11 +6,13 @@ use super::mesh::Mesh;
 use super::output::{Output, Span};
 use super::part_sets::TreeParts;
 use super::parts::{self, Assembly};
+use super::patches::Patches;
 use super::proxies::BlockRuns;
 use super::report::{BuildReport, PhaseSeconds};
 use super::shares::Shares;
 use super::split::{self, Splitter};
 use super::spool::Spool;
+use super::surfaces::Surface;
 use super::tight::Tight;
 use super::values::Has;
 use crate::base::error::Result;
@@ -32,6 +34,8 @@ use std::time::Instant;
 /// All input, checked.
 pub struct Gathered {
     pub meshes: Vec<Spool>,
+    /// Surfaces with trees of their own.
+    pub surfaces: Vec<Surface>,
     /// Scratch file of parts of the meshes.
     pub spilled: Option<Scratch>,
     pub assembly: Assembly,
@@ -58,6 +62,9 @@ pub struct Asked<'a> {
 /// Fraction of the trees' progress after their triangles are placed.
 const PLACED: f64 = 0.05;
 
+/// Triangles that a face counts as in the progress.
+const OF_FACE: f64 = 256.0;
+
 /// Fraction of the progress after all trees.
 const TREES_DONE: f64 = 0.94;
 
@@ -73,8 +80,9 @@ pub fn run(mut gathered: Gathered, asked: &Asked, threads: usize) -> Result<Buil
     progress.advance(*done);
     let any = |has: fn(&Has) -> bool| gathered.meshes.iter().any(|m| has(&m.has));
     let given = Has { colours: any(|has| has.colours), normals: any(|has| has.normals) };
-    // Normals are made unless the crease angle is negative.
-    let has = Has { normals: given.normals || options.crease() >= 0.0, ..given };
+    // Normals are made unless the crease angle is negative. Surfaces have their own.
+    let are_made = options.crease() >= 0.0 || !gathered.surfaces.is_empty();
+    let has = Has { normals: given.normals || are_made, ..given };
     // Fails early if the folder cannot be written, or if the target is an input.
     let writer = Writer::guarded(out, inputs, quota)?;
     let mut meshes = std::mem::take(&mut gathered.meshes);
@@ -122,11 +130,17 @@ pub fn run(mut gathered: Gathered, asked: &Asked, threads: usize) -> Result<Buil
         par,
     };
     let sizes: Vec<(u64, u32)> = meshes.iter().map(|m| (m.triangles, m.local_parts)).collect();
-    let trees = gathered.assembly.instances.iter().map(|i| i.tree);
-    gathered.assembly.placings = Groups::of(meshes.len(), trees);
     gathered.assembly.tight = Tight::plan(&sizes, &gathered.assembly.instances, cancel)?;
+    // The trees of surfaces follow those of triangles.
+    let surfaces = std::mem::take(&mut gathered.surfaces);
+    for (surface, tree) in surfaces.iter().zip(meshes.len() as u32..) {
+        split::place(&mut gathered.assembly, surface.mesh, tree);
+    }
+    let trees = gathered.assembly.instances.iter().map(|i| i.tree);
+    gathered.assembly.placings = Groups::of(meshes.len() + surfaces.len(), trees);
     let mut rows = Vec::new();
-    let all: f64 = meshes.iter().map(|m| 1.0 + m.triangles as f64).sum();
+    let all: f64 = meshes.iter().map(|m| 1.0 + m.triangles as f64).sum::<f64>()
+        + surfaces.iter().map(|surface| OF_FACE * f64::from(surface.shape.faces())).sum::<f64>();
     let mut before = 0.0;
     for (index, mut spool) in meshes.into_iter().enumerate() {
         spool.has.colours = has.colours;
@@ -136,6 +150,18 @@ pub fn run(mut gathered: Gathered, asked: &Asked, threads: usize) -> Result<Buil
         output.trees_left -= 1;
         let mesh = Mesh { output: &mut output, spool, options, index, assembly: &mut gathered.assembly, span };
         rows.push(mesh.build()?);
+        output.end_tree_parts()?;
+        progress.advance(span.1);
+    }
+    for surface in &surfaces {
+        let index = rows.len();
+        let size = OF_FACE * f64::from(surface.shape.faces());
+        let span = Span(placed, TREES_DONE).part(before / all, (before + size) / all);
+        before += size;
+        let local_parts = sizes[surface.mesh as usize].1;
+        let row = Patches { surface, options, index, local_parts, span }.build(&mut output, &mut gathered.assembly)?;
+        output.report.triangles_in += row.triangles;
+        rows.push(row);
         output.end_tree_parts()?;
         progress.advance(span.1);
     }

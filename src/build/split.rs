@@ -433,8 +433,8 @@ fn settle(routes: &mut Vec<Route>, from: usize, input: &[DVec3; 3], owners: &Own
     }
 }
 
-/// Adds instances for the triangles of `mesh` that are in a `tree` of their own.
-fn place(assembly: &mut Assembly, mesh: u32, tree: u32) {
+/// Adds instances for what is in `mesh` and has a `tree` of its own.
+pub fn place(assembly: &mut Assembly, mesh: u32, tree: u32) {
     if mesh == 0 {
         let world_from_mesh = DAffine3::IDENTITY.to_cols_array();
         assembly.instances.push(InstanceRow { tree, first_part: 0, world_from_mesh });

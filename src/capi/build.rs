@@ -71,8 +71,12 @@ pub(super) unsafe fn with_input(build: *mut oc_build, f: impl FnOnce(&mut Input)
 pub type oc_structure = u32;
 /// The library chooses. At present OC_STRUCTURE_BVH.
 pub const OC_STRUCTURE_DEFAULT: oc_structure = 0;
-/// A wide, quantised bounding volume hierarchy.
+/// A wide, quantised bounding volume hierarchy. Surfaces are diced into triangles.
 pub const OC_STRUCTURE_BVH: oc_structure = 1;
+/// Surfaces as grids under quadtrees of quantised boxes, about seven bytes for each triangle that they are diced into.
+/// Triangles as with OC_STRUCTURE_BVH. oc_hit.prim of a hit on a surface is the face, in the order in which the faces of
+/// all surfaces were added.
+pub const OC_STRUCTURE_PATCH: oc_structure = 4;
 
 /// Spatial splits: a triangle may be referenced by several leaves. This speeds up models with long thin triangles.
 pub type oc_splits = u32;
@@ -197,6 +201,7 @@ unsafe fn options(desc: &oc_build_desc, context: &ContextObject) -> Checked<Buil
     check_threads(desc.threads, "oc_build_desc.threads")?;
     let structure = match desc.structure {
         OC_STRUCTURE_DEFAULT | OC_STRUCTURE_BVH => Structure::Bvh,
+        OC_STRUCTURE_PATCH => Structure::Patch,
         other => return bad(format!("oc_build_desc.structure {other} is unknown")),
     };
     let splits = match desc.splits {

@@ -111,7 +111,7 @@ pub struct Counts {
 
 impl Counts {
     /// Adds the counts of a subtree. The depth becomes the depth of the deepest subtree.
-    pub(super) fn add_below(&mut self, below: Self) {
+    pub fn add_below(&mut self, below: Self) {
         self.depth = self.depth.max(below.depth);
         self.nodes += below.nodes;
         self.leaves += below.leaves;

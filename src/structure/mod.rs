@@ -86,6 +86,11 @@ impl Structure {
         Self::Brute,
     ];
 
+    /// The structure of the trees of triangles of a model with this structure.
+    pub fn of_triangles(self) -> Self {
+        if self == Self::Patch { Self::Bvh } else { self }
+    }
+
     /// Name in command lines and benchmarks.
     pub fn name(self) -> &'static str {
         match self {

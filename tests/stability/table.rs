@@ -156,10 +156,10 @@ pub const DESIGN: [Row; 14] = [
         fails: "poles, extraordinary vertices, creases, spiky displacement, cusps",
         must: "no crack, no hole; Newton failure falls back",
         tests: &[
-            "surfaces::cages_are_whole",
-            "surfaces::cages_are_whole_far_from_zero",
-            "surfaces::spikes_are_whole",
-            "surfaces::poles_and_cusps_are_whole",
+            "smooth_surfaces::cages_are_whole",
+            "smooth_surfaces::cages_are_whole_far_from_zero",
+            "smooth_surfaces::spikes_are_whole",
+            "smooth_surfaces::poles_and_cusps_are_whole",
         ],
         // Surfaces are diced: nothing uses Newton's method yet.
         state: Holds,

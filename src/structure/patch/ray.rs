@@ -81,13 +81,11 @@ impl<'a> Prepared<'a> {
     }
 }
 
-/// A ray in the system of a frame. Its distances count from `from`.
+/// A ray in the system of a frame. Its distances count from where it was said to enter the frame.
 ///
 /// The origin of the system's ray is where the ray enters the frame's surroundings, computed in double precision: so
 /// its coordinates are small, and rounding moves planes by a few parts in 2^24 of the frame at most.
 pub struct FrameRay {
-    /// Distance of the ray at the origin.
-    pub from: f32,
     org: [f32; 3],
     inv: [f32; 3],
     slack: [f32; 3],
@@ -108,10 +106,10 @@ impl FrameRay {
         let slack = (org.abs().max(Vec3::ONE) * SLACK).copysign(inv);
         // The cross product of two columns of the inverse is a row of the map over its determinant.
         let faces = if ray.is_lod { (dir.abs().as_dvec3() / linear.determinant().abs()).as_vec3() } else { Vec3::ZERO };
-        Self { from, org: org.to_array(), inv: inv.to_array(), slack: slack.to_array(), faces: faces.to_array() }
+        Self { org: org.to_array(), inv: inv.to_array(), slack: slack.to_array(), faces: faces.to_array() }
     }
 
-    /// Distances, from `from`, at which the ray enters and leaves four boxes.
+    /// Distances at which the ray enters and leaves four boxes.
     #[inline(always)]
     pub fn four(&self, boxes: &[[f32; 4]; 6]) -> [[f32; 4]; 2] {
         let (mut enter, mut leave) = ([f32::NEG_INFINITY; 4], [f32::INFINITY; 4]);

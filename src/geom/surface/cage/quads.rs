@@ -34,6 +34,17 @@ impl<'a> CageQuads<'a> {
         self.cage.parent(self.faces[quad]).0
     }
 
+    /// Where a quad is: the face of the cage; its corner, if the face has other than four; and level, column and row in
+    /// the square of the face, or of that corner.
+    pub fn place_in_face(&self, quad: usize) -> (u32, u32, [u32; 3]) {
+        let (face, corner) = self.cage.parent(self.faces[quad]);
+        if self.cage.quads_of(face) > 1 {
+            return (face, corner, [0; 3]);
+        }
+        let [column, row] = [[0, 0], [1, 0], [1, 1], [0, 1]][corner as usize];
+        (face, 0, [1, column, row])
+    }
+
     /// The face of the cage and its corner that a quad is of, and the parameters there of those of the quad.
     fn place(&self, quad: usize, u: f64, v: f64) -> ([u32; 2], [f64; 2]) {
         let (face, corner) = self.cage.parent(self.faces[quad]);

@@ -157,16 +157,16 @@ impl Cage {
         }
         for side in 0..4 {
             for column in [1, 2] {
-                mirror(&mut grid, place(side, column, 0), place(side, column, 1), place(side, column, 2));
+                extrapolate(&mut grid, place(side, column, 0), place(side, column, 1), place(side, column, 2));
             }
         }
         for side in 0..4 {
             let (along, across) = (place(side, 1, 0), place(side, 0, 1));
             // Along a crease the rows go on in the neighbour's points; the mirror is across the sharp side.
             if self.side_is_sharp(quad, corner + side) {
-                mirror(&mut grid, place(side, 0, 0), across, place(side, 0, 2));
+                extrapolate(&mut grid, place(side, 0, 0), across, place(side, 0, 2));
             } else {
-                mirror(&mut grid, place(side, 0, 0), along, place(side, 2, 0));
+                extrapolate(&mut grid, place(side, 0, 0), along, place(side, 2, 0));
             }
         }
         grid
@@ -195,7 +195,7 @@ fn place(side: u32, column: usize, row: usize) -> usize {
 }
 
 /// Sets a point that is not there yet to 2 `at` − `inner`.
-fn mirror(grid: &mut [Row; 16], outer: usize, at: usize, inner: usize) {
+fn extrapolate(grid: &mut [Row; 16], outer: usize, at: usize, inner: usize) {
     if grid[outer].is_empty() {
         let mut row: Row = grid[at].iter().map(|&(vertex, weight)| (vertex, 2.0 * weight)).collect();
         row.extend(grid[inner].iter().map(|&(vertex, weight)| (vertex, -weight)));

@@ -57,6 +57,46 @@ impl Tile {
         [[a, b, c], [a, c, d]]
     }
 
+    /// True if the cosine between each normal and their mean is at least this.
+    pub fn is_flat(&self, cosine: f32) -> bool {
+        let mean = self.normals.iter().sum::<Vec3>().normalize_or_zero();
+        self.normals.iter().all(|n| *n == Vec3::ZERO || n.dot(mean) >= cosine)
+    }
+
+    /// A quarter: of the lower half along u for even numbers, along v for those below 2. The level is above 1.
+    pub fn quarter(&self, number: usize) -> Self {
+        let (side, half) = (self.side(), (self.side() - 1) / 2);
+        let (i, j) = (number % 2, number / 2);
+        let of = |all: &[Vec3]| {
+            let row = |row: usize| (j * half + row) * side + i * half;
+            (0..=half).flat_map(|at| all[row(at)..=row(at) + half].to_vec()).collect::<Vec<Vec3>>()
+        };
+        let [level, column, row] = self.place;
+        Self {
+            level: self.level - 1,
+            positions: of(&self.positions),
+            normals: of(&self.normals),
+            place: [level + 1, 2 * column + i as u32, 2 * row + j as u32],
+            ..*self
+        }
+    }
+
+    /// Turns the tile over: u runs the other way.
+    pub fn reverse(&mut self) {
+        let side = self.side();
+        self.positions.chunks_mut(side).for_each(<[Vec3]>::reverse);
+        self.normals.chunks_mut(side).for_each(<[Vec3]>::reverse);
+        self.normals.iter_mut().for_each(|n| *n = -*n);
+    }
+
+    /// The vertices around the tile, counter-clockwise in (u, v).
+    pub fn border(&self) -> Vec<Vec3> {
+        let last = self.side() - 1;
+        let at = |i: usize, j: usize| self.positions[j * self.side() + i];
+        let low = (0..last).map(|i| at(i, 0)).chain((0..last).map(|j| at(last, j)));
+        low.chain((1..=last).rev().map(|i| at(i, last))).chain((1..=last).rev().map(|j| at(0, j))).collect()
+    }
+
     /// The triangles that have an area.
     pub fn triangles(&self) -> impl Iterator<Item = [Vec3; 3]> + '_ {
         let cells = self.side() - 1;

@@ -7,6 +7,7 @@ mod frame;
 mod nodes;
 
 pub use blocks::{Plan, Plans, Upper, encode};
+pub use cell::Cell;
 pub use frame::{BuiltFrame, Tile, build};
 
 /// Number of stack entries that a walk needs at most in a tree with `depth` levels of nodes.

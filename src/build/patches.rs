@@ -1,0 +1,314 @@
+//! The build of a tree of a surface: the surface is cut into square tiles of a grid, each flat enough for a system of
+//! its own, and these fill blocks in the order of the surface (`structure::patch::build`).
+//!
+//! Tiles are made a few at a time, on all threads, and their blocks are put aside at once: memory is that of the
+//! surface's control points and of what the tree above blocks takes, whatever the number of triangles.
+
+use super::BuildOptions;
+use super::edges::Edges;
+use super::origin;
+use super::output::{ClassAside, Output, Span};
+use super::parts::Assembly;
+use super::surfaces::{Shape, Surface};
+use super::survey::OfPart;
+use crate::base::error::Result;
+use crate::base::progress::Phase;
+use crate::geom::surface::dice::{Dicer, Dicing, Quads, Tile as Samples};
+use crate::math::{Bounds, DBounds};
+use crate::store::TreeRow;
+use crate::structure::Structure;
+use crate::structure::bake::Counts;
+use crate::structure::patch::build::{self as bake, BuiltFrame, Plan, Plans, Tile, Upper};
+use crate::structure::patch::layout::{CLASSES, MOST_LEVEL};
+use glam::{DVec3, Vec3, Vec4};
+use std::collections::BTreeMap;
+use std::time::Instant;
+
+/// Default greatest angle between a normal of a tile and their mean, in degrees: half the opening of the cone of
+/// normals.
+const FLAT: f32 = 15.0;
+/// Tiles that a thread makes at a time, of the greatest level.
+const TILES: usize = 8;
+/// Work that is done before blocks are encoded, in such portions.
+const BATCH: usize = 32;
+
+/// A surface whose tree is built.
+pub struct Patches<'a> {
+    pub surface: &'a Surface,
+    pub options: &'a BuildOptions,
+    /// Number of the tree.
+    pub index: usize,
+    pub local_parts: u32,
+    pub span: Span,
+}
+
+/// Where a quad lies: its face with that face's part, the corner of a face with other than four, and the level, the
+/// column and the row in the square of the face.
+struct Home {
+    face: u32,
+    part: u32,
+    corner: u32,
+    place: [u32; 3],
+}
+
+/// Some tiles of a quad, by their numbers along a curve that fills the square.
+struct Work {
+    quad: usize,
+    level: u32,
+    tiles: std::ops::Range<usize>,
+}
+
+/// Tiles that are made.
+#[derive(Default)]
+struct Made {
+    frames: Vec<BuiltFrame>,
+    parts: BTreeMap<u32, OfPart>,
+    position_error: f64,
+    degenerate: u64,
+}
+
+impl Patches<'_> {
+    /// Builds and writes the tree. Returns its row of the file's tree table.
+    pub fn build(self, output: &mut Output, assembly: &mut Assembly) -> Result<TreeRow> {
+        let asked = self.options.dicing;
+        match &self.surface.shape {
+            Shape::Cage(cage) => {
+                let mesh = cage.mesh();
+                let checked = mesh.checked()?;
+                let quads = mesh.quads(&checked)?;
+                let home = |quad: usize| {
+                    let (face, corner, place) = quads.place_in_face(quad);
+                    Home { face, part: mesh.part(face), corner, place }
+                };
+                self.bake(&quads, mesh.dicing(asked), false, &home, output, assembly)
+            }
+            Shape::Nurbs(nurbs) => {
+                let mesh = nurbs.mesh();
+                let checked = mesh.checked()?;
+                let home = |_: usize| Home { face: 0, part: mesh.part, corner: 0, place: [0; 3] };
+                self.bake(&mesh.quads(&checked), mesh.dicing(asked), mesh.is_reversed, &home, output, assembly)
+            }
+        }
+    }
+
+    fn bake<Q: Quads + Sync>(
+        &self,
+        quads: &Q,
+        dicing: Dicing,
+        is_reversed: bool,
+        home: &(dyn Fn(usize) -> Home + Sync),
+        output: &mut Output,
+        assembly: &mut Assembly,
+    ) -> Result<TreeRow> {
+        let begun = Instant::now();
+        let (par, cancel, progress, span) = (output.par, output.cancel, output.progress, self.span);
+        let bounds = self.surface.shape.points().iter().copied().fold(DBounds::EMPTY, DBounds::with);
+        let origin = origin::choose(&bounds, false);
+        let mut row = TreeRow {
+            first_block: output.writer.blocks_written(),
+            structure: Structure::Patch as u32,
+            local_parts: self.local_parts,
+            origin: origin.to_array(),
+            ..TreeRow::EMPTY
+        };
+        let dicer = Dicer::new(quads, dicing, cancel)?;
+        let colours = assembly.colours(self.index, self.local_parts);
+        let maker =
+            Maker { dicer: &dicer, home, first_face: self.surface.first_face, origin, colours: &colours, is_reversed };
+        let levels = par.map(quads.count(), |quad| if cancel.check().is_ok() { dicer.level(quad) } else { 1 });
+        cancel.check()?;
+        let works = works(quads, &bounds, &levels);
+        let mut blocks = Blocks {
+            plans: Plans::default(),
+            ready: Vec::new(),
+            aside: [output.aside(), output.aside()],
+            cells: Vec::new(),
+            counts: Counts::default(),
+        };
+        let mut of_parts: BTreeMap<u32, OfPart> = BTreeMap::new();
+        let (total, mut done, mut iter) = (works.len(), 0, works.into_iter());
+        loop {
+            let some: Vec<Work> = iter.by_ref().take(BATCH).collect();
+            if some.is_empty() {
+                break;
+            }
+            done += some.len();
+            let made = par.map_items(some, |work| -> Result<Made> {
+                cancel.check()?;
+                Ok(maker.make(&work))
+            });
+            for made in made {
+                let Made { frames, parts, position_error, degenerate } = made?;
+                row.position_error = row.position_error.max(position_error);
+                output.report.degenerate += degenerate;
+                parts.into_iter().for_each(|(part, of)| of.add_to(&mut of_parts, part));
+                row.triangles += frames.iter().map(|frame| frame.triangles).sum::<u64>();
+                frames.into_iter().for_each(|frame| blocks.push(frame));
+            }
+            blocks.put_aside(output, false)?;
+            progress.advance(span.part(done as f64 / total as f64 * 0.9, 1.0).0);
+        }
+        blocks.put_aside(output, true)?;
+        output.report.chunks += 1;
+        assembly.add(self.index, origin, &of_parts, cancel)?;
+        output.report.seconds.build += begun.elapsed().as_secs_f64();
+        if let Dicing::Tolerance(tolerance) = dicing {
+            row.position_error += tolerance;
+        }
+        output.report.position_error = output.report.position_error.max(row.position_error);
+        progress.enter(Phase::Write);
+        blocks.write(output, row, span.part(0.9, 1.0))
+    }
+}
+
+/// The place of a point of the unit cube along a curve that fills it: bits of the coordinates in turn.
+fn key_of(at: DVec3) -> u64 {
+    let steps = (at * 1023.0).to_array().map(|x| x as u64);
+    (0..10).fold(0, |key, bit| (0..3).fold(key, |key, axis| key | (steps[axis] >> bit & 1) << (3 * bit + axis)))
+}
+
+/// The work in an order in which neighbours follow each other.
+fn works<Q: Quads>(quads: &Q, bounds: &DBounds, levels: &[u32]) -> Vec<Work> {
+    let extent = bounds.extent().max(DVec3::splat(f64::MIN_POSITIVE));
+    let key = |quad: usize| {
+        let at = (quads.sample(quad, 0.5, 0.5).position - bounds.min) / extent;
+        key_of(at.clamp(DVec3::ZERO, DVec3::ONE))
+    };
+    let mut order: Vec<(u64, usize)> = (0..levels.len()).map(|quad| (key(quad), quad)).collect();
+    order.sort_unstable();
+    let mut works = Vec::new();
+    for (_, quad) in order {
+        let level = levels[quad];
+        let count = 1usize << (2 * (level - level.min(MOST_LEVEL)));
+        works.extend((0..count).step_by(TILES).map(|first| Work {
+            quad,
+            level,
+            tiles: first..count.min(first + TILES),
+        }));
+    }
+    works
+}
+
+/// Column and row of a tile of a quad, by its number along a curve: bits of both in turn.
+fn of_curve(number: usize) -> (usize, usize) {
+    (0..8).fold((0, 0), |(i, j), bit| (i | (number >> (2 * bit) & 1) << bit, j | (number >> (2 * bit + 1) & 1) << bit))
+}
+
+/// Makes tiles.
+struct Maker<'a, Q> {
+    dicer: &'a Dicer<'a, Q>,
+    home: &'a (dyn Fn(usize) -> Home + Sync),
+    first_face: u32,
+    origin: DVec3,
+    colours: &'a [Vec4],
+    is_reversed: bool,
+}
+
+impl<Q: Quads> Maker<'_, Q> {
+    fn make(&self, work: &Work) -> Made {
+        let (mut made, mut samples) = (Made::default(), Samples::default());
+        let level = work.level.min(MOST_LEVEL);
+        let home = (self.home)(work.quad);
+        let face = self.first_face + home.face;
+        for number in work.tiles.clone() {
+            let (i, j) = of_curve(number);
+            self.dicer.tile(work.quad, work.level, level, i as u32, j as u32, &mut samples);
+            let above = work.level - level;
+            let place =
+                [home.place[0] + above, (home.place[1] << above) + i as u32, (home.place[2] << above) + j as u32];
+            let mut tile = Tile {
+                level,
+                positions: samples.positions.iter().map(|p| (*p - self.origin).as_vec3()).collect(),
+                normals: std::mem::take(&mut samples.normals),
+                part: home.part,
+                colour: self.colours.get(home.part as usize).map_or(Vec3::splat(0.6), |c| c.truncate()),
+                face,
+                corner: home.corner,
+                place,
+            };
+            let error = |(p, stored): (&DVec3, &Vec3)| (stored.as_dvec3() + self.origin).distance(*p);
+            let errors = samples.positions.iter().zip(&tile.positions).map(error);
+            made.position_error = errors.fold(made.position_error, f64::max);
+            if self.is_reversed {
+                tile.reverse();
+            }
+            self.split(tile, &mut made);
+        }
+        made
+    }
+
+    /// Adds a tile, or its quarters where it is not flat.
+    fn split(&self, tile: Tile, made: &mut Made) {
+        if tile.level > 1 && !tile.is_flat(FLAT.to_radians().cos()) {
+            (0..4).for_each(|quarter| self.split(tile.quarter(quarter), made));
+            return;
+        }
+        let (border, stored) = (tile.border(), |p: &Vec3| p.as_dvec3());
+        let of = OfPart {
+            bounds: Bounds::of(&tile.positions),
+            count: 0,
+            edges: Edges::around(self.origin, border.iter().map(stored)),
+        };
+        let frame = bake::build(&tile);
+        made.degenerate += (2 << (2 * tile.level)) - frame.triangles;
+        OfPart { count: frame.triangles, bounds: if frame.triangles > 0 { of.bounds } else { Bounds::EMPTY }, ..of }
+            .add_to(&mut made.parts, tile.part);
+        // A tile that collapses to a point or a line shows nothing.
+        if frame.triangles > 0 {
+            made.frames.push(frame);
+        }
+    }
+}
+
+/// Blocks of the tree on their way to the file.
+struct Blocks {
+    plans: Plans,
+    ready: Vec<Plan>,
+    /// Fine blocks and leaf blocks.
+    aside: [ClassAside; CLASSES - 1],
+    /// The contents of fine blocks.
+    cells: Vec<bake::Cell>,
+    counts: Counts,
+}
+
+impl Blocks {
+    fn push(&mut self, frame: BuiltFrame) {
+        self.ready.extend(self.plans.push(frame));
+    }
+
+    /// Encodes the blocks that are full, or all.
+    fn put_aside(&mut self, output: &mut Output, all: bool) -> Result<()> {
+        if all {
+            self.ready.extend(std::mem::take(&mut self.plans).end());
+        }
+        let encoded = output.par.map_items(std::mem::take(&mut self.ready), bake::encode);
+        let mut baked = Vec::with_capacity(encoded.len());
+        for (blocks, cell, counts) in encoded {
+            self.counts.add_below(counts);
+            self.cells.push(cell);
+            baked.push(Vec::from(blocks));
+        }
+        let at = output.progress.fraction();
+        output.put_aside(baked, |blocks| blocks, &mut self.aside, Span(at, at))
+    }
+
+    /// Writes all blocks. Returns the row with their numbers.
+    fn write(self, output: &mut Output, mut row: TreeRow, span: Span) -> Result<TreeRow> {
+        if self.cells.is_empty() {
+            return Ok(row);
+        }
+        let fine = self.cells.len() as u32;
+        let upper = Upper::over(self.cells);
+        let Bounds { min, max } = upper.bounds;
+        row.bounds = [min.x, min.y, min.z, max.x, max.y, max.z];
+        row.class_blocks = [upper.len() as u32, fine, fine, 0];
+        row.block_count = row.class_blocks.iter().sum();
+        row.nodes = upper.nodes + self.counts.nodes;
+        (row.leaves, row.references) = (self.counts.leaves, self.counts.references);
+        row.max_stack = bake::max_stack(upper.depth + self.counts.depth);
+        let (first, at) = (row.first_block, output.progress.fraction());
+        output.write_blocks((0..upper.len()).collect(), |i| vec![upper.encode(i, first)], Span(at, at))?;
+        self.aside.into_iter().try_for_each(|class| output.write_aside(class, span))?;
+        Ok(row)
+    }
+}

@@ -1,0 +1,188 @@
+//! The structure `patch`: hits are those of the same triangles under `bvh`, to the bit; stand-ins keep the promise.
+
+use crate::common::asked::ask;
+use crate::common::brute::Tri;
+use crate::common::built::{self, Built, build_with};
+use crate::common::bvh64::Bvh64;
+use crate::common::nurbs::{self, Nurbs};
+use crate::common::promise::{Tally, judge};
+use crate::common::rng::Rng;
+use crate::common::shapes::{Shape, own};
+use glam::DVec3;
+use outcrop::base::progress::Cancel;
+use outcrop::build::{BuildOptions, BuildReport, Builder, Structure};
+use outcrop::import::surfaces::{CageMesh, Dicing, Displacement, Heights, NurbsMesh, Wrap};
+use outcrop::import::{Attributes, MeshKey, PartDesc, Sink};
+use outcrop::math::{Cone, Ray};
+use outcrop::query::{Hit, HitKind, QueryOptions, Want};
+use outcrop::scene::{Context, ContextOptions, Model, Scene};
+use outcrop::simd::Isa;
+
+type Fill<'a> = &'a dyn Fn(&mut Builder);
+
+fn build(structure: Structure, dicing: Dicing, fill: Fill) -> (Built, BuildReport) {
+    let options = BuildOptions { structure, dicing: Some(dicing), ..built::options() };
+    build_with(options, |builder| fill(builder))
+}
+
+/// Adds a cage, each face a part of its own.
+fn cage(builder: &mut Builder, shape: &Shape, displacement: Option<Displacement>) {
+    let part = |id| PartDesc { id: Some(id), ..PartDesc::default() };
+    let parts: Vec<u32> = (0..shape.sizes.len() as u64).map(|id| builder.part(part(id)).expect("a part")).collect();
+    let mesh = CageMesh { desc: shape.desc(), positions: &shape.points, parts: &parts, displacement };
+    builder.cage(MeshKey::DIRECT, &mesh).expect("a surface");
+}
+
+fn nurbs(builder: &mut Builder, shape: &Nurbs, is_reversed: bool) {
+    let part = builder.part(PartDesc::default()).expect("a part");
+    let mesh = NurbsMesh { desc: shape.desc(), is_reversed, domain: None, extent: 0.0, part };
+    builder.nurbs(MeshKey::DIRECT, &mesh).expect("a surface");
+}
+
+/// A scene of a model, with all of it in memory or with little.
+fn scene(built: &Built, isa: Option<Isa>) -> (Context, Scene, Model) {
+    let context = Context::new(ContextOptions { threads: 1, isa, ..Default::default() }).expect("a context");
+    let (scene, model) = built::scene(&context, built);
+    assert!(model.load(&Cancel::new()).expect("it loads"));
+    (context, scene, model)
+}
+
+/// Rays through a box around points, from outside and inside, also along axes.
+fn rays(points: &[DVec3], count: usize) -> Vec<Ray> {
+    let low = points.iter().fold(DVec3::INFINITY, |a, &p| a.min(p));
+    let high = points.iter().fold(DVec3::NEG_INFINITY, |a, &p| a.max(p));
+    let (middle, size, mut rng) = ((low + high) / 2.0, (high - low).max_element(), Rng::new(11));
+    let through = |rng: &mut Rng| middle + size * 0.6 * rng.inside(DVec3::NEG_ONE, DVec3::ONE);
+    let ray = |i: usize| {
+        let at = through(&mut rng);
+        let dir = if i % 10 == 0 { [DVec3::X, DVec3::NEG_Y, DVec3::Z][i / 10 % 3] } else { rng.direction() };
+        let back = if i % 3 == 0 { 0.0 } else { 3.0 * size };
+        Ray::new(at - back * dir, dir.as_vec3())
+    };
+    (0..count).map(ray).collect()
+}
+
+fn asked(scene: &Scene, rays: &[Ray]) -> Vec<Hit> {
+    ask(&scene.state(), rays, QueryOptions { want: Want::ALL | Want::SHADING_NORMAL, ..QueryOptions::default() })
+}
+
+/// All but `prim`, which is the face under `patch`, and the error, which states the tolerance there.
+fn same(a: &Hit, b: &Hit) -> bool {
+    let bits = |h: &Hit| (h.kind, h.t.to_bits(), h.part, h.position.to_array().map(f64::to_bits), h.normal);
+    bits(a) == bits(b) && a.shading_normal.dot(b.shading_normal) >= if a.kind == HitKind::Exact { 0.9999 } else { 0.0 }
+}
+
+/// The same rays meet the same points of both, with all vector paths.
+fn compare(name: &str, points: &[DVec3], dicing: Dicing, fill: Fill) {
+    let (flat, of_flat) = build(Structure::Bvh, dicing, fill);
+    let (patch, of_patch) = build(Structure::Patch, dicing, fill);
+    let rays = rays(points, 6000);
+    let expected = asked(&scene(&flat, None).1, &rays);
+    let met = expected.iter().filter(|hit| hit.kind == HitKind::Exact).count();
+    for isa in Isa::ALL.into_iter().filter(|isa| isa.is_available()) {
+        let found = asked(&scene(&patch, Some(isa)).1, &rays);
+        for (i, (a, b)) in expected.iter().zip(&found).enumerate() {
+            assert!(same(a, b), "{name}, {isa:?}, ray {i}: {a:?}\n{b:?}");
+        }
+    }
+    println!(
+        "{name}: {met} of {} rays meet {} and {} triangles, {} and {} bytes",
+        rays.len(),
+        of_flat.triangles_kept,
+        of_patch.triangles_kept,
+        of_flat.bytes_trace,
+        of_patch.bytes_trace
+    );
+    assert!(met > 500, "{name}: {met} hits");
+}
+
+#[test]
+fn cages_are_hit_where_their_triangles_are() {
+    for shape in own() {
+        let tolerance = Dicing::Tolerance(2e-3 * shape.extent());
+        compare(&shape.name, &shape.points, tolerance, &|builder| cage(builder, &shape, None));
+    }
+    let cube = own().into_iter().find(|it| it.name == "cube_creases").expect("a cube");
+    for level in [1, 2, 4, 7] {
+        compare(&format!("level {level}"), &cube.points, Dicing::Level(level), &|builder| cage(builder, &cube, None));
+    }
+}
+
+#[test]
+fn nurbs_and_displaced_cages_too() {
+    for (name, shape, is_reversed) in [
+        ("sphere", nurbs::sphere(), false),
+        ("torus", nurbs::torus(), true),
+        ("cone", nurbs::double_cone(), false),
+        ("cusp", nurbs::cusp(), true),
+    ] {
+        compare(name, &shape.points, Dicing::Tolerance(2e-3), &|builder| nurbs(builder, &shape, is_reversed));
+    }
+    let shape = own().into_iter().find(|it| it.name == "cube_creases").expect("a cube");
+    let mut rng = Rng::new(5);
+    let heights = Heights::new([8, 8], 1, [Wrap::Repeat; 2], (0..64).map(|_| rng.unit() as f32).collect());
+    let heights = heights.expect("heights");
+    let at = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
+    let coordinates: Vec<[f64; 2]> = (0..shape.indices.len()).map(|i| at[i % 4]).collect();
+    let displacement = Displacement { heights: &heights, scale: 0.2, coordinates: &coordinates };
+    let tolerance = Dicing::Tolerance(2e-3 * shape.extent());
+    compare("displaced", &shape.points, tolerance, &|builder| cage(builder, &shape, Some(displacement)));
+}
+
+/// Surfaces, triangles and a shared mesh of both in one model: trees of two structures.
+#[test]
+fn triangles_and_surfaces_share_a_model() {
+    let shape = own().into_iter().find(|it| it.name == "valence_7").expect("a shape");
+    let fill = |builder: &mut Builder| {
+        cage(builder, &shape, None);
+        let part = builder.part(PartDesc { id: Some(77), ..PartDesc::default() }).expect("a part");
+        let triangle: Tri = [DVec3::new(-3.0, -3.0, -1.5), DVec3::new(3.0, -3.0, -1.5), DVec3::new(0.0, 4.0, -1.5)];
+        builder.triangles(MeshKey::DIRECT, part, &[triangle], Attributes::NONE).expect("triangles");
+        let shared = builder.shared_mesh(1).expect("a mesh");
+        let ball = nurbs::sphere();
+        let mesh = NurbsMesh { desc: ball.desc(), is_reversed: false, domain: None, extent: 0.0, part: 0 };
+        builder.nurbs(shared, &mesh).expect("a surface");
+        for x in [-2.0, 2.5] {
+            let part = builder.part(PartDesc { id: Some(100), ..PartDesc::default() }).expect("a part");
+            let map = glam::DAffine3::from_scale_rotation_translation(
+                DVec3::new(1.0, 0.5, 0.7),
+                glam::DQuat::from_rotation_x(0.4),
+                DVec3::new(x, 0.2, 0.9),
+            );
+            builder.instance(shared, map, part).expect("an instance");
+        }
+    };
+    compare("mixed", &[DVec3::splat(-4.0), DVec3::splat(4.0)], Dicing::Tolerance(1e-2), &fill);
+}
+
+/// Every hit has a point of the surface within its error, and none before it: with cones from small to large.
+#[test]
+fn stand_ins_keep_the_promise() {
+    for name in ["cube_creases", "valence_5", "spike", "grid_2"] {
+        let shape = own().into_iter().find(|it| it.name == name).expect("a shape");
+        let (built, _) = build(Structure::Patch, Dicing::Level(6), &|builder| cage(builder, &shape, None));
+        let (_context, scene, model) = scene(&built, None);
+        let mut triangles: Vec<Tri> = Vec::new();
+        let mut collect = |_: u32, micro: &outcrop::geom::surface::dice::Micro| {
+            triangles.extend(micro.positions.iter().map(|t| t.map(|p| p.as_vec3().as_dvec3())));
+            Ok(())
+        };
+        let mesh = CageMesh { desc: shape.desc(), positions: &shape.points, parts: &[0], displacement: None };
+        mesh.dice(Some(Dicing::Level(6)), &Cancel::new(), &mut collect).expect("triangles");
+        let oracle = Bvh64::new(triangles);
+        let mut lods = 0;
+        for width in [0.0f32, 1e-3, 1e-2, 0.03, 0.1, 0.3] {
+            let cone = Cone { a: width * shape.extent() as f32, b: 0.0 };
+            let rays: Vec<Ray> = rays(&shape.points, 3000).into_iter().map(|ray| Ray { cone, ..ray }).collect();
+            let mut tally = Tally::default();
+            for (ray, hit) in rays.iter().zip(asked(&scene, &rays)) {
+                lods += usize::from(hit.kind == HitKind::Lod);
+                judge(&oracle, ray, &hit, &mut tally);
+            }
+            let slack = tally.slack.iter().copied().fold(f64::MAX, f64::min);
+            println!("{name}, {width}: {} exact, {} stand-ins, least slack {slack:.2}", tally.exact, tally.lod);
+        }
+        assert!(lods > 1000, "{name}: {lods} stand-ins");
+        drop(model);
+    }
+}
