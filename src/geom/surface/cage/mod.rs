@@ -32,7 +32,7 @@ mod surface;
 mod topology;
 mod words;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 
 pub use around::{Finder, Neighbourhood};
 pub use desc::{Boundary, CageDesc, Creasing, MAX_VALENCE, TriangleRule};

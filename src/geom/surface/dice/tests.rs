@@ -4,12 +4,12 @@ use std::collections::HashMap;
 use std::f64::consts::{PI, TAU};
 
 /// A surface of revolution in `u`, of `across` × `along` quads: a torus, or a sphere with poles where `v` ends.
-struct Round {
-    across: u32,
-    along: u32,
-    is_sphere: bool,
+pub(super) struct Round {
+    pub across: u32,
+    pub along: u32,
+    pub is_sphere: bool,
     /// Quads differ by so much in what they evaluate, as displacements do at seams.
-    tear: f64,
+    pub tear: f64,
 }
 
 impl Round {
@@ -79,7 +79,7 @@ fn triangles(surface: &impl Quads, dicing: Dicing) -> Vec<([DVec3; 3], [Vec3; 3]
 }
 
 /// Each edge of a triangle is that of another one, the other way, to the bit.
-fn is_closed(triangles: &[([DVec3; 3], [Vec3; 3])]) -> bool {
+pub(super) fn is_closed(triangles: &[([DVec3; 3], [Vec3; 3])]) -> bool {
     let mut edges: HashMap<[[u64; 3]; 2], i32> = HashMap::new();
     let bits = |p: DVec3| (p + 0.0).to_array().map(f64::to_bits);
     for (corners, _) in triangles {
@@ -138,7 +138,7 @@ fn torn_quads_are_joined() {
 }
 
 /// A ridge in one quad alone: its inside is fine, its neighbours are not.
-struct Ridge;
+pub(super) struct Ridge;
 
 impl Quads for Ridge {
     fn count(&self) -> usize {

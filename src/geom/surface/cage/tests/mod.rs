@@ -4,5 +4,5 @@ mod bad_input;
 mod closed_forms;
 mod enclosure;
 mod limits;
-mod shapes;
+pub(crate) mod shapes;
 mod words;
