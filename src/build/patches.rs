@@ -230,7 +230,7 @@ impl<Q: Quads> Maker<'_, Q> {
             let errors = samples.positions.iter().zip(&tile.positions).map(error);
             made.position_error = errors.fold(made.position_error, f64::max);
             if self.is_reversed {
-                tile.reverse();
+                tile.turn_over();
             }
             self.split(tile, &mut made);
         }

@@ -195,14 +195,22 @@ impl Ring {
         let (mut du, mut dv) = (self.spoke(i), self.spoke(i + 1));
         for _ in 0..STEPS {
             position = matrix.left(&position, self.len);
-            du = unit(matrix.left(&du, self.len));
+            // Weights of a direction sum to 0. Rounding adds a share of the limit point's, which decays slowest and
+            // would take over.
+            du = unit(direction(matrix.left(&du, self.len), &position));
             // Without its part along du this converges to the second mode, and the orientation stays.
-            dv = matrix.left(&dv, self.len);
+            dv = direction(matrix.left(&dv, self.len), &position);
             let shared: f64 = du.iter().zip(&dv).map(|(a, b)| a * b).sum();
             dv = unit(dv.iter().zip(&du).map(|(b, a)| b - shared * a).collect());
         }
         Masks { position, du, dv }
     }
+}
+
+/// The mask without its share of `position`, whose weights sum to 1: its own then sum to 0.
+fn direction(mask: Vec<f64>, position: &[f64]) -> Vec<f64> {
+    let sum: f64 = mask.iter().sum();
+    mask.iter().zip(position).map(|(weight, of_point)| weight - sum * of_point).collect()
 }
 
 fn unit(mask: Vec<f64>) -> Vec<f64> {

@@ -81,12 +81,13 @@ impl Tile {
         }
     }
 
-    /// Turns the tile over: u runs the other way.
-    pub fn reverse(&mut self) {
+    /// Turns the tile over: u and v change places, so that cells keep their diagonals.
+    pub fn turn_over(&mut self) {
         let side = self.side();
-        self.positions.chunks_mut(side).for_each(<[Vec3]>::reverse);
-        self.normals.chunks_mut(side).for_each(<[Vec3]>::reverse);
-        self.normals.iter_mut().for_each(|n| *n = -*n);
+        let turned = |all: &[Vec3]| (0..side * side).map(|at| all[at % side * side + at / side]).collect::<Vec<Vec3>>();
+        self.positions = turned(&self.positions);
+        self.normals = turned(&self.normals).into_iter().map(|n| -n).collect();
+        self.place.swap(1, 2);
     }
 
     /// The vertices around the tile, counter-clockwise in (u, v).
