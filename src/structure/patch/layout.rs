@@ -176,7 +176,7 @@ impl<'a> Block<'a> {
         let mut at = self.0[3] as usize;
         (0..self.frames()).map_while(move |_| {
             let (here, frame) = (at, self.frame(at)?);
-            at += frame.len();
+            at += frame.size();
             Some((here, frame))
         })
     }
@@ -250,7 +250,7 @@ pub const ROOT: Planes = [-1.0, -1.0, -1.0, 1.0, 1.0, 1.0];
 
 impl Frame<'_> {
     /// Words of the frame.
-    pub fn len(&self) -> usize {
+    pub fn size(&self) -> usize {
         FRAME_WORDS + self.tree.len()
     }
 
@@ -329,14 +329,14 @@ pub struct Grids<'a>(pub &'a [u32]);
 
 impl<'a> Grids<'a> {
     /// Number of grids; 0 for other blocks.
-    pub fn len(self) -> usize {
+    pub fn count(self) -> usize {
         if self.0.first() == Some(&GRIDS) { self.0[1] as usize } else { 0 }
     }
 
     /// The grid with this number.
     #[inline(always)]
     pub fn grid(self, number: usize) -> Option<Grid<'a>> {
-        if number >= self.len() {
+        if number >= self.count() {
             return None;
         }
         let words = self.0.get(*self.0.get(2 + number)? as usize..)?;

@@ -54,7 +54,7 @@ pub fn items(words: &[u32]) -> Vec<u32> {
         let levels = grids.grid(number).map_or(0, |grid| grid.level.max(1) - 1);
         (0..1usize << (2 * levels)).map(move |leaf| LEAF | tri_of(number, leaf, 0))
     };
-    (0..grids.len()).flat_map(leaves).collect()
+    (0..grids.count()).flat_map(leaves).collect()
 }
 
 /// The parts of a geometry block and the blocks below it.
@@ -62,7 +62,7 @@ pub fn parts_and_blocks(words: &[u32]) -> (Vec<u32>, Vec<u32>) {
     let block = Block(words);
     if block.nodes() == 0 {
         let grids = Grids(words);
-        return ((0..grids.len()).filter_map(|number| Some(grids.grid(number)?.part())).collect(), Vec::new());
+        return ((0..grids.count()).filter_map(|number| Some(grids.grid(number)?.part())).collect(), Vec::new());
     }
     let (mut parts, mut below) = (Vec::new(), Vec::new());
     parts.extend(block.all_frames().map(|(_, frame)| frame.part()));

@@ -163,7 +163,7 @@ impl TreeView<'_> {
     /// See [`crate::structure::Tree::triangles_of`].
     pub fn triangles_of(&self, block: BlockId, visit: &mut dyn FnMut(&TriHit, &Triangle)) -> Result<(), BlockId> {
         let grids = Grids(self.visited(block.0).ok_or(block)?);
-        for number in 0..grids.len() {
+        for number in 0..grids.count() {
             let Some(grid) = grids.grid(number) else { continue };
             for leaf in 0..1usize << (2 * (grid.level.max(1) - 1)) {
                 each_triangle((&grid, number, leaf), |tri, triangle| {

@@ -451,7 +451,8 @@ impl Judged {
     ) -> bool {
         let (t_min, filter) = (ray.ray.t_min, ray.filter);
         let t = enter.max(t_min);
-        if !(t <= leave) {
+        let is_met = t <= leave;
+        if !is_met {
             return is_missing;
         }
         if ray.is_lod && enter > t_min && ray.covers(t, small()) {

@@ -89,14 +89,14 @@ pub fn encode(plan: Plan) -> ([BakedBlock; 2], Cell, Counts) {
         .collect();
     words.truncate(HEAD_WORDS);
     nodes.put(|item| (Child::Frame(firsts[item]), false), &mut words);
-    head(&mut words, nodes.len(), frames.len());
+    head(&mut words, nodes.count(), frames.len());
     frames.iter().for_each(|frame| words.extend(&frame.words));
     let mut parts: Vec<u32> = frames.iter().map(|frame| frame.part).collect();
     parts.sort_unstable();
     parts.dedup();
     let counts = Counts {
         depth: nodes.depth,
-        nodes: nodes.len() as u64,
+        nodes: nodes.count() as u64,
         leaves: frames.len() as u64,
         references: frames.iter().map(|frame| frame.triangles).sum(),
     };
@@ -166,12 +166,12 @@ impl Upper {
             }));
         }
         let bounds = blocks[0].0.cell.bounds;
-        let nodes = blocks.iter().map(|it| it.0.len() as u64).sum();
+        let nodes = blocks.iter().map(|it| it.0.count() as u64).sum();
         Self { blocks, bounds, depth, nodes }
     }
 
     /// Number of coarse blocks.
-    pub fn len(&self) -> usize {
+    pub fn count(&self) -> usize {
         self.blocks.len()
     }
 
@@ -184,7 +184,7 @@ impl Upper {
         };
         let mut words = vec![0; HEAD_WORDS];
         nodes.put(|item| (Child::Block(first_block + local(item)), true), &mut words);
-        head(&mut words, nodes.len(), 0);
+        head(&mut words, nodes.count(), 0);
         BakedBlock { below: (0..below.len()).map(local).collect(), ..baked(&words) }
     }
 }

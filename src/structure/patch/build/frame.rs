@@ -296,7 +296,7 @@ mod tests {
         let built = build(tile);
         let (head, tree) = built.words.split_first_chunk::<FRAME_WORDS>().unwrap();
         let frame = Frame { head, tree };
-        assert_eq!((frame.len(), tree.len()), (built.words.len(), tree_words(frame.levels())));
+        assert_eq!((frame.size(), tree.len()), (built.words.len(), tree_words(frame.levels())));
         let (map, centre) = (frame.map().as_dmat3(), frame.centre().as_dvec3());
         let side = tile.side();
         for level in 0..=frame.levels() {
