@@ -4,9 +4,10 @@
 //! that reject hits), `place` and `cursor` (descent through a tree of any structure), `walk`, `packet` and `stream`
 //! (the state of rays), `tree` (one enum over all structures: rays in, hits out), `open` (from a file to its trees, and
 //! the decoder for residency), `by_tree` (the decoder of a file whose trees have several structures), `nodes` (nodes by
-//! their places, for programs that walk trees by themselves), `bake` (triangles in, blocks out), `pairs` (walks through pairs of trees), `rows` (children and triangles of a place, eight
-//! at a time), `nearest` (distances from a point to them), `streams` (per-triangle numbers in blocks of their own),
-//! `fallback` (packets and streams for a structure that traces single rays only).
+//! their places, for programs that walk trees by themselves), `bake` (triangles in, blocks out), `pairs` (walks through
+//! pairs of trees), `rows` (children and triangles of a place, eight at a time), `nearest` (distances from a point to
+//! them), `streams` (per-triangle numbers in blocks of their own), `fallback` (packets and streams for a structure that
+//! traces single rays only).
 //!
 //! Each structure is a folder with three main modules: `build` (triangles in, blocks out), `layout` (the bytes of a
 //! block, shared by baking and tracing) and `trace` (rays in, hits out). A new structure needs such a folder, a variant
