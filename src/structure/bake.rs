@@ -213,8 +213,8 @@ pub trait Baker {
     fn root() -> u32;
 }
 
-/// The bake of surfaces: tiles of a surface in, frames and blocks out. The only structure with surfaces has no trait for
-/// this.
+/// The bake of surfaces: tiles of a surface in, frames and blocks out. There is one structure with surfaces, so this is
+/// no trait.
 pub mod surfaces {
     use super::{Structure, patch};
     pub use patch::build::{BuiltFrame, Cell, Plan, Plans, Tile, Upper, build, encode, max_stack};
