@@ -46,7 +46,7 @@ pub struct Hit {
     /// Unit geometric normal in world space, facing the ray's origin.
     pub normal: Vec3,
     /// Weights of the triangle's second and third vertex. On a surface of structure `patch` the parameters u and v in
-    /// the face, from 0 to 1, also of a stand-in of one face: those of its middle.
+    /// the face, from 0 to 1, interpolated over the triangle, or those of the middle of a stand-in of one face.
     pub uv: [f32; 2],
     /// Some original surface lies within this distance of `position` (world units).
     pub error: f32,

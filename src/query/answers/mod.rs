@@ -232,11 +232,11 @@ impl<const N: usize> Seen<N> {
         if want.has(Want::SHADING_NORMAL) {
             self.fill_shading(at, rays, hits, out, &mut rest);
         }
-        if want.has(Want::UV) && at.tree().has_parameters() {
-            fill_parameters(at, hits, met & !rest.lacking, out);
-        }
         if want.has(Want::PRIM) {
             self.fill_prims(at, hits, met, out, &mut rest);
+        }
+        if want.any_of(Want::UV | Want::PRIM) && at.tree().has_parameters() {
+            fill_parameters(at, want, hits, met & !rest.lacking, out);
         }
         rest
     }
@@ -514,11 +514,24 @@ pub(super) fn missed(view: &SceneView, ray: &Ray, found: &Found, want: Want) -> 
     Hit { t_free: if is_free { f64::INFINITY } else { free_before(view, ray, found.first_cell) }, ..Hit::MISS }
 }
 
-/// Replaces the weights of triangles' corners by the parameters of the surface.
-fn fill_parameters<const N: usize>(at: &InTree, hits: &(impl TreeHits<N> + ?Sized), met: u32, out: &mut [Hit; N]) {
+/// Replaces the weights of triangles' corners by the parameters of the surface, and gives stand-ins of one face that
+/// face.
+fn fill_parameters<const N: usize>(
+    at: &InTree,
+    want: Want,
+    hits: &(impl TreeHits<N> + ?Sized),
+    met: u32,
+    out: &mut [Hit; N],
+) {
     for i in bits(met) {
-        let [u, v] = out[i].uv;
-        out[i].uv = at.tree().parameters(&TriHit { u, v, ..hits.hit(i) }).unwrap_or_default();
+        let ([u, v], hit) = (out[i].uv, hits.hit(i));
+        let found = at.tree().parameters(&TriHit { u, v, ..hit });
+        if want.has(Want::UV) {
+            out[i].uv = found.map_or([0.0; 2], |it| it.1);
+        }
+        if want.has(Want::PRIM) && hit.stand_in().is_some() {
+            out[i].prim = found.map_or(NONE, |it| it.0.into());
+        }
     }
 }
 

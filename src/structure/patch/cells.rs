@@ -90,16 +90,17 @@ impl<'a> TreeView<'a> {
     }
 
     /// See [`crate::structure::Tree::parameters`].
-    pub fn parameters(&self, hit: &TriHit) -> Option<[f32; 2]> {
+    pub fn parameters(&self, hit: &TriHit) -> Option<(u32, [f32; 2])> {
         if hit.stand_in().is_some() {
             let Found::Frame(frame, level, number) = self.cell_at(hit)?.1 else { return None };
             let ((column, row), size) = (of_morton(number), 1.0 / (1u32 << level) as f32);
-            return Some(frame.in_face((column as f32 + 0.5) * size, (row as f32 + 0.5) * size));
+            let at = [column, row].map(|x| (x as f32 + 0.5) * size);
+            return Some((frame.face(), frame.in_face(at[0], at[1])));
         }
         let number = grid_of(hit.tri);
         let [u, v] = Grids(self.words(hit.block)?).grid(number)?.at(hit.tri, [hit.u, hit.v])?;
         let (_, frame) = Block(self.words(hit.block.checked_sub(self.leaves_at)?)?).all_frames().nth(number)?;
-        Some(frame.in_face(u, v))
+        Some((frame.face(), frame.in_face(u, v)))
     }
 
     /// See [`crate::structure::Tree::parts_in_cell`].
