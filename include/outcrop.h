@@ -1950,8 +1950,15 @@ typedef struct oc_place {
 /** The library chooses. At present OC_STRUCTURE_BVH. */
 #define OC_STRUCTURE_DEFAULT 0
 
-/** A wide, quantised bounding volume hierarchy. */
+/** A wide, quantised bounding volume hierarchy. Surfaces are diced into triangles. */
 #define OC_STRUCTURE_BVH 1
+
+/**
+ * Surfaces as grids under quadtrees of quantised boxes, about seven bytes for each triangle that they are diced into.
+ * Triangles as with OC_STRUCTURE_BVH. oc_hit.prim of a hit on a surface is the face, in the order in which the faces of
+ * all surfaces were added.
+ */
+#define OC_STRUCTURE_PATCH 4
 
 /** Split if it speeds up the model. */
 #define OC_SPLITS_AUTO 0

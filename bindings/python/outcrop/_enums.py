@@ -183,7 +183,12 @@ class Structure(enum.IntEnum):
     DEFAULT = 0
     """The library chooses. At present Structure.BVH."""
     BVH = 1
-    """A wide, quantised bounding volume hierarchy."""
+    """A wide, quantised bounding volume hierarchy. Surfaces are diced into triangles."""
+    PATCH = 4
+    """Surfaces as grids under quadtrees of quantised boxes, about seven bytes for each triangle that they are diced
+    into. Triangles as with Structure.BVH. Hit.prim of a hit on a surface is the face, in the order in which the
+    faces of all surfaces were added.
+    """
 
 
 class Splits(enum.IntEnum):
