@@ -1,5 +1,5 @@
 //! The build of a tree of a surface: the surface is cut into square tiles of a grid, each flat enough for a system of
-//! its own, and these fill blocks in the order of the surface (`structure::patch::build`).
+//! its own, and these fill blocks in the order of the surface (`structure::bake::surfaces`).
 //!
 //! Tiles are made a few at a time, on all threads, and their blocks are put aside at once: memory is that of the
 //! surface's control points and of what the tree above blocks takes, whatever the number of triangles.
@@ -16,10 +16,8 @@ use crate::base::progress::Phase;
 use crate::geom::surface::dice::{Dicer, Dicing, Quads, Tile as Samples};
 use crate::math::{Bounds, DBounds};
 use crate::store::TreeRow;
-use crate::structure::Structure;
 use crate::structure::bake::Counts;
-use crate::structure::patch::build::{self as bake, BuiltFrame, Plan, Plans, Tile, Upper};
-use crate::structure::patch::layout::{CLASSES, MOST_LEVEL};
+use crate::structure::bake::surfaces::{self as bake, BuiltFrame, CLASSES, MOST_LEVEL, Plan, Plans, Tile, Upper};
 use glam::{DVec3, Vec3, Vec4};
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -106,7 +104,7 @@ impl Patches<'_> {
         let origin = origin::choose(&bounds, false);
         let mut row = TreeRow {
             first_block: output.writer.blocks_written(),
-            structure: Structure::Patch as u32,
+            structure: bake::STRUCTURE as u32,
             local_parts: self.local_parts,
             origin: origin.to_array(),
             ..TreeRow::EMPTY

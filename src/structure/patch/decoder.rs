@@ -1,12 +1,13 @@
 //! The decoder of this structure's blocks, for residency, and the check of their words.
 
 use super::layout::{
-    Block, COARSE, Child, FINE, GRID_WORDS, GRIDS, Grids, HEAD_WORDS, MAX_WORDS, MOST_GRIDS, MOST_LEVEL, NODE_WORDS,
-    NODES, Voxel, WIDTH,
+    Block, COARSE, Child, FINE, Frame, GRID_WORDS, GRIDS, Grids, HEAD_WORDS, MAX_WORDS, MOST_GRIDS, MOST_LEVEL,
+    MOST_PLACE, NODE_WORDS, NODES, Voxel, WIDTH,
 };
 use super::nodes::parts_and_blocks;
 use crate::base::ids::BlockId;
-use crate::lod::{Coded, LEVEL, stopped};
+use crate::lod::{Coded, LEVEL, stopped, summary_bit};
+use crate::math::Bounds;
 use crate::residency::{BlockClass, Decoder, Entries, MOST_NODES, Reference, Statements};
 use crate::store::{Header, TreeRow};
 use crate::structure::Structure;
@@ -22,7 +23,7 @@ pub struct PatchDecoder {
     streams: Streams,
     /// Block ranges of the trees, ascending.
     trees: Vec<TreeBlocks>,
-    /// Key of the hash by which the levels of a block's frames and of its leaf block's grids are compared: random, so
+    /// Key of the hash by which a block's frames and its leaf block's grids are compared (`shapes_of_grids`): random, so
     /// that no file can be constructed in which they compare equal and differ.
     key: RandomState,
 }
@@ -112,15 +113,16 @@ impl Decoder for PatchDecoder {
             return Statements::default();
         };
         if id.0 >= tree.fine_end {
-            let agreed = Reference::Agreed(id, self.key.hash_one(levels_of_grids(Grids(words))));
+            let agreed = Reference::Agreed(id, self.key.hash_one(shapes_of_grids(Grids(words))));
             return Statements { references: vec![agreed], ..Statements::default() };
         }
         let block = Block(words);
         let mut references: Vec<Reference> =
             parts_and_blocks(words).1.into_iter().map(|to| Reference::To(BlockId(to), 0)).collect();
         if id.0 >= tree.coarse_end {
-            let levels: Vec<u32> = block.all_frames().map(|(_, frame)| frame.levels() + 1).collect();
-            references.push(Reference::Agreed(BlockId(id.0 + tree.leaves_at()), self.key.hash_one(levels)));
+            let shape = |frame: Frame| [frame.part(), frame.face(), frame.levels() + 1];
+            let shapes: Vec<[u32; 3]> = block.all_frames().map(|(_, frame)| shape(frame)).collect();
+            references.push(Reference::Agreed(BlockId(id.0 + tree.leaves_at()), self.key.hash_one(shapes)));
         }
         let mut entries = Entries::default();
         entries[0] = 1;
@@ -140,8 +142,9 @@ impl Decoder for PatchDecoder {
     }
 }
 
-fn levels_of_grids(grids: Grids) -> Vec<u32> {
-    (0..grids.count()).filter_map(|number| Some(grids.grid(number)?.level)).collect()
+/// Part, primitive id and level of each grid. Those of the frames above are the same.
+fn shapes_of_grids(grids: Grids) -> Vec<[u32; 3]> {
+    (0..grids.count()).filter_map(|number| grids.grid(number)).map(|grid| [grid.part(), grid.face(), grid.level]).collect()
 }
 
 fn ensure(holds: bool, why: &str) -> Result<(), String> {
@@ -186,8 +189,8 @@ fn check_node(block: Block, index: usize, (id, tree): (u32, TreeBlocks), met: &m
         let (bounds, child) = (node.bounds(slot), node.child(slot));
         if child == Child::None {
             let is_zero = node.0[48 + slot] == 0 && node.0[56 + slot] == 0;
-            // Boxes that no ray meets.
-            ensure(is_zero && !bounds.min.cmple(bounds.max).any(), "an unused slot is not empty")?;
+            // A box that no ray meets.
+            ensure(is_zero && bounds == Bounds::EMPTY, "an unused slot is not empty")?;
             continue;
         }
         let is_sound = bounds.min.is_finite() && bounds.max.is_finite() && bounds.min.cmple(bounds.max).all();
@@ -223,9 +226,13 @@ fn check_node(block: Block, index: usize, (id, tree): (u32, TreeBlocks), met: &m
     Ok(())
 }
 
-fn check_voxel(Voxel(words): Voxel) -> Result<(), String> {
+fn check_voxel(voxel: Voxel) -> Result<(), String> {
+    let words = voxel.0;
     let is_sound = words[0] >> LEVEL.0 == 0 && stopped(words[1]) == 0 && !Coded::has_curtains(words[3]);
-    ensure(is_sound, "a voxel has a level, a stop code or curtains, which this structure does not use")
+    ensure(is_sound, "a voxel has a level, a stop code or curtains, which this structure does not use")?;
+    ensure(voxel.sides().is_none() || words[2] == 0, "the second word of a voxel with six samples is not zero")?;
+    let (part, is_mixed) = Coded::part(words[3]);
+    ensure(is_mixed || words[4] == summary_bit(part), "the summary of a voxel of one part is not that of the part")
 }
 
 /// Checks that the frames follow each other up to the end of the block and that nodes refer to each of them once.
@@ -235,6 +242,9 @@ fn check_frames(block: Block, met: &[usize]) -> Result<(), String> {
     for (number, (at, frame)) in block.all_frames().enumerate() {
         ensure(frame.levels() < MOST_LEVEL && frame.head[14] & 0xfff0 == 0, "a frame has an unknown shape")?;
         ensure(frame.grid() == number, "the grids of frames are not numbered consecutively")?;
+        let [level, column, row] = frame.place();
+        let is_place = level <= MOST_PLACE && column.max(row) >> level == 0;
+        ensure(is_place, "the place of a frame is not in the square of its face")?;
         let numbers = frame.head[..12].iter().map(|word| f32::from_bits(*word));
         ensure(numbers.into_iter().all(f32::is_finite), "a frame is not finite")?;
         let size = frame.map().as_dmat3().determinant();
@@ -267,3 +277,7 @@ fn check_grids(words: &[u32]) -> Result<(), String> {
     }
     ensure(next == words.len(), "the grids do not fill the block")
 }
+
+#[cfg(test)]
+#[path = "decoder_tests.rs"]
+mod tests;

@@ -7,8 +7,7 @@
 //! quadtree is four cells of the part's **grid**, eight triangles. Grids are in a block of their own, the **leaf
 //! block** of the block with the frames: a picture of stand-ins needs none.
 //!
-//! Coarse blocks have nodes over other blocks, or over frames in a tree of one block; fine blocks have nodes over
-//! frames. Walks begin at node 0 of a block.
+//! Coarse blocks have nodes over other blocks, fine blocks nodes over frames. Walks begin at node 0 of a block.
 //!
 //! | words of a coarse or a fine block | |
 //! |---|---|
@@ -22,14 +21,15 @@
 //!
 //! | words of a node | |
 //! |---|---|
-//! | 0 to 47 | boxes of up to eight children: low x of all, low y, low z, high x, high y, high z (f32) |
+//! | 0 to 47 | boxes of up to eight children, then empty ones: low x of all, low y, low z, high x, high y, high z (f32) |
 //! | 48 to 55 | references: see [`Child`] |
 //! | 56 to 63 | first words of the children's voxels; 0 for frames |
 //!
 //! | words of a voxel | |
 //! |---|---|
 //! | 0 | oriented slabs of everything below in the child's box (`lod::OrientedSlabs`), with level 0 |
-//! | 1 to 4 | the voxel (`lod::Coded`): a sample, the part, the summary of parts; it stops all rays |
+//! | 1 to 4 | the voxel (`lod::Coded`): a sample, whose second word is 0 beside samples of sides; the part; the summary |
+//! | | of parts; it stops all rays |
 //! | 5 to 16 | samples of its six sides, if it has them |
 //!
 //! | words of a frame | |
@@ -39,7 +39,7 @@
 //! | 12 | the tree's local part |
 //! | 13 | primitive id: the face |
 //! | 14 | bits 0 to 3 levels of the quadtree below the root, bits 16 to 31 number of the grid in the leaf block |
-//! | 15 | place in the face's square: level (bits 0 to 3), then column and row on that level, 12 bits each |
+//! | 15 | place in the square of the face: level (bits 0 to 3), column (bits 4 to 15) and row (bits 16 to 27) there |
 //! | 16 | corner of the face, if the face has other than four |
 //! | 17, 18 | normals at the four corners, 16 bits each (`lod`): of (0, 0), (1, 0), (0, 1), (1, 1) |
 //! | 19 | second word of the sample that stand-ins show: colour and cover |
@@ -83,6 +83,8 @@ pub const GRID_WORDS: usize = 4;
 pub const MAX_WORDS: usize = 16384;
 /// Greatest level of a grid.
 pub const MOST_LEVEL: u32 = 5;
+/// Greatest level of a frame's place in the square of its face.
+pub const MOST_PLACE: u32 = 12;
 /// Greatest number of grids of a leaf block.
 pub const MOST_GRIDS: usize = 1 << 10;
 
@@ -140,7 +142,7 @@ pub const fn tree_words(levels: u32) -> usize {
     ((1usize << (2 * levels)) - 1) / 3
 }
 
-/// A block of nodes that [`super::validate`] has accepted.
+/// A block of nodes that [`super::PatchDecoder`] has accepted.
 #[derive(Debug, Clone, Copy)]
 pub struct Block<'a>(pub &'a [u32]);
 
@@ -272,6 +274,17 @@ impl Frame<'_> {
         self.head[12]
     }
 
+    /// Primitive id.
+    pub fn face(&self) -> u32 {
+        self.head[13]
+    }
+
+    /// Place in the square of the face: level, column and row.
+    pub fn place(&self) -> [u32; 3] {
+        let word = self.head[15];
+        [word & 15, word >> 4 & 0xfff, word >> 16]
+    }
+
     /// Centre of the system.
     #[inline(always)]
     pub fn centre(&self) -> Vec3 {
@@ -323,7 +336,7 @@ pub fn middle(bounds: &Bounds) -> Middle<f32> {
     Middle { at: bounds.center().to_array(), half: (bounds.extent() * 0.5).to_array() }
 }
 
-/// A leaf block that [`super::validate`] has accepted.
+/// A leaf block that [`super::PatchDecoder`] has accepted.
 #[derive(Debug, Clone, Copy)]
 pub struct Grids<'a>(pub &'a [u32]);
 
@@ -372,6 +385,11 @@ impl Grid<'_> {
     /// The local part.
     pub fn part(&self) -> u32 {
         self.head[0]
+    }
+
+    /// Primitive id.
+    pub fn face(&self) -> u32 {
+        self.head[1]
     }
 
     /// Numbers, in the grid, of the corners of a triangle of [`tri_of`].
