@@ -31,7 +31,7 @@ pub struct Crossing {
     pub part: u64,
     /// The caller's id of the instance.
     pub instance: u64,
-    /// The triangle's index in the input of its model's build; [`NONE`] if it is not in memory.
+    /// As [`Hit::prim`](super::hit::Hit::prim); [`NONE`] if it is not in memory.
     pub prim: u64,
     /// Unit geometric normal in world space, facing the ray's origin.
     pub normal: Vec3,
