@@ -83,7 +83,8 @@ impl Patches<'_> {
             Shape::Nurbs(nurbs) => {
                 let mesh = nurbs.mesh();
                 let checked = mesh.checked()?;
-                let home = |_: usize| Home { face: 0, part: mesh.part, corner: 0, place: [0; 3] };
+                // Each rectangle between knots is a face.
+                let home = |quad: usize| Home { face: quad as u32, part: mesh.part, corner: 0, place: [0; 3] };
                 self.bake(&mesh.quads(&checked), mesh.dicing(asked), mesh.is_reversed, &home, output, assembly)
             }
         }
@@ -223,6 +224,7 @@ impl<Q: Quads> Maker<'_, Q> {
                 face,
                 corner: home.corner,
                 place,
+                is_turned: false,
             };
             let error = |(p, stored): (&DVec3, &Vec3)| (stored.as_dvec3() + self.origin).distance(*p);
             let errors = samples.positions.iter().zip(&tile.positions).map(error);
