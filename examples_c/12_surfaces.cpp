@@ -1,8 +1,9 @@
-// Builds two smooth surfaces from memory: a creased subdivision cage, and a NURBS vase. Prints the triangles into which
-// they are diced at several tolerances, looks for cracks with rays from the inside, clicks on a face of the cage, and
-// writes a picture. Fails if a ray leaves the closed surface.
+// Builds two smooth surfaces from memory: a creased subdivision cage, and a NURBS vase, both as triangles and as grids
+// (OC_STRUCTURE_PATCH). Prints the triangles into which they are diced at several tolerances, and their bytes in memory.
+// Looks for cracks with rays from the inside, clicks on a face of the cage, and writes a picture. Fails if a ray leaves
+// the closed surface.
 //
-//     12_surfaces NAME PICTURE.png          (writes NAME_0.oc to NAME_2.oc)
+//     12_surfaces NAME PICTURE.png          (writes NAME_0.oc to NAME_2.oc, and NAME_triangles.oc)
 #include <outcrop.hpp>
 
 #include "png.h"
@@ -81,8 +82,10 @@ Vase vase(double x) {
 
 const std::uint64_t BOX = 100, VASE = 1;
 
-outcrop::model build(const outcrop::context &context, const std::string &path, double tolerance) {
+outcrop::model build(const outcrop::context &context, const std::string &path, double tolerance,
+                     oc_structure structure) {
     auto desc = outcrop::init<oc_build_desc>();
+    desc.structure = structure;
     desc.surface_tolerance = tolerance;
     outcrop::build build(context, desc);
     auto material = outcrop::init<oc_material>();
@@ -139,19 +142,27 @@ std::uint64_t leaks(const outcrop::scene &scene) {
     return lost;
 }
 
+// Bytes in memory of the geometry of a model, for each of its triangles.
+double bytes_each(const outcrop::model &model) {
+    const oc_model_info info = model.info();
+    return double(info.geometry_bytes) / double(info.triangles_stored);
+}
+
 void run(const std::string &name, const char *picture) {
     const outcrop::context context(OC_ALL_THREADS);
     outcrop::scene scene(context);
     for (int i = 0; i < 3; i++) {
         const double tolerance = std::pow(10.0, -2 - i);
-        const outcrop::model model = build(context, name + "_" + std::to_string(i) + ".oc", tolerance);
+        const double as_triangles = bytes_each(build(context, name + "_triangles.oc", tolerance, OC_STRUCTURE_BVH));
+        const outcrop::model model =
+            build(context, name + "_" + std::to_string(i) + ".oc", tolerance, OC_STRUCTURE_PATCH);
         scene = outcrop::scene(context);
         scene.add_instance(model, 1);
         scene.commit();
         const std::uint64_t lost = leaks(scene);
-        std::printf("tolerance %g: %llu triangles, %llu rays left the closed surface\n", tolerance,
-                    static_cast<unsigned long long>(model.info().triangles_stored),
-                    static_cast<unsigned long long>(lost));
+        std::printf("tolerance %g: %llu triangles of %.1f bytes (%.1f as triangles), %llu rays left the closed surface\n",
+                    tolerance, static_cast<unsigned long long>(model.info().triangles_stored), bytes_each(model),
+                    as_triangles, static_cast<unsigned long long>(lost));
         if (lost > 0) throw std::runtime_error("the surface has a crack");
     }
 
@@ -166,8 +177,10 @@ void run(const std::string &name, const char *picture) {
     frame.wait();
     const oc_hit clicked = frame.pick(WIDTH * 3 / 10, HEIGHT * 6 / 10);
     if (clicked.kind != OC_HIT_EXACT || clicked.part < BOX) throw std::runtime_error("the click missed the box");
+    // The cage was added first, so the primitive ids of its faces begin with 0.
+    if (clicked.prim != clicked.part - BOX) throw std::runtime_error("the click has another face than its part");
     std::printf("a click: face %llu of the cage, normal %.3f %.3f %.3f\n",
-                static_cast<unsigned long long>(clicked.part - BOX), double(clicked.shading_normal[0]),
+                static_cast<unsigned long long>(clicked.prim), double(clicked.shading_normal[0]),
                 double(clicked.shading_normal[1]), double(clicked.shading_normal[2]));
     const outcrop::pixels pixels = frame.map(OC_BUFFER_COLOUR_SRGB8);
     std::vector<unsigned char> bytes;

@@ -111,7 +111,8 @@
  * A model under construction. Add meshes, then call oc_build_start to write the model file.
  *
  * A part is identified by the caller's own 64-bit id. The primitive id of a triangle is its index in the input: first
- * the pushed triangles in the order pushed, then those of the files in the order added.
+ * the pushed triangles in the order pushed, then those of the files in the order added. With OC_STRUCTURE_PATCH that of
+ * a surface is its face.
  */
 typedef struct oc_build oc_build;
 
@@ -1103,11 +1104,20 @@ typedef struct oc_hit {
     uint64_t part;
     /** Id of the instance, as passed to oc_scene_add_instance. Miss: OC_NO_ID. */
     uint64_t instance;
-    /** Index of the triangle in the input of the build, from 0. Miss: OC_NO_ID. */
+    /**
+     * Index of the triangle in the input of the build, from 0. On a surface with OC_STRUCTURE_PATCH that of the face,
+     * among the faces of all surfaces in the order in which they were added: the faces of a cage, or the rectangles
+     * between the knots of a NURBS surface. Miss: OC_NO_ID.
+     */
     uint64_t prim;
     /** Unit geometric normal in world space, on the side of the ray's origin. Miss: 0. */
     float normal[3];
-    /** Barycentric weights of the triangle's second and third corner. Miss: 0. */
+    /**
+     * Barycentric weights of the triangle's second and third corner. On a surface with OC_STRUCTURE_PATCH the
+     * parameters u and v in the face, from 0 to 1, also of a stand-in of one face: those of its middle. u runs along
+     * the first edge of a face of four corners; other faces consist of a quad at each corner, in which the parameters
+     * are. A stand-in of several faces: 0. Miss: 0.
+     */
     float uv[2];
     /** An original surface lies within this distance of `position`, in world units. Miss: 0. */
     float error;
@@ -1186,7 +1196,7 @@ typedef struct oc_hit_f32 {
     uint32_t part;
     /** The lowest 32 bits of the instance's id. Miss: 0xFFFFFFFF. */
     uint32_t instance;
-    /** Index of the triangle in the input of the build. Miss: 0xFFFFFFFF. */
+    /** As oc_hit.prim. Miss: 0xFFFFFFFF. */
     uint32_t prim;
     /** One of the OC_HIT_ constants. */
     oc_hit_kind kind;
@@ -1202,7 +1212,7 @@ typedef struct oc_triangle {
     double corners[9];
     /** Id of the part, as passed when the model was built. */
     uint64_t part;
-    /** Index of the triangle in the input of the build, from 0. */
+    /** As oc_hit.prim. */
     uint64_t prim;
     /**
      * Unit normals at the corners with which the surface is shaded, in the order of `corners`, on the side from which
@@ -1224,7 +1234,7 @@ typedef struct oc_crossing {
     uint64_t part;
     /** Id of the instance, as passed to oc_scene_add_instance. */
     uint64_t instance;
-    /** Index of the triangle in the input of the build, from 0. OC_NO_ID if `kind` is OC_HIT_MISSING. */
+    /** As oc_hit.prim. OC_NO_ID if `kind` is OC_HIT_MISSING. */
     uint64_t prim;
     /** Unit geometric normal in world space, on the side of the ray's origin. */
     float normal[3];
@@ -1301,7 +1311,7 @@ typedef struct oc_node_triangle {
      * stored positions are exact in double precision.
      */
     double corners[9];
-    /** Index of the triangle in the input of the build, from 0. OC_NO_ID if it was not asked for. */
+    /** As oc_hit.prim. OC_NO_ID if it was not asked for. */
     uint64_t prim;
     /** Number of the part in the tree, see oc_tree_place. */
     uint32_t part;
@@ -1499,7 +1509,7 @@ typedef struct oc_nearest_point {
     uint64_t instance;
     /** Id of the part, as passed when the model was built. OC_NO_ID: unknown, or a miss. */
     uint64_t part;
-    /** Index of the triangle in the input of the build, from 0. OC_NO_ID: unknown, or a miss. */
+    /** As oc_hit.prim. OC_NO_ID: unknown, or a miss. */
     uint64_t prim;
     /**
      * OC_HIT_EXACT. OC_HIT_MISS: no triangle is within the limit. OC_HIT_MISSING, only with OC_NEAREST_NOW: data is
@@ -1950,8 +1960,18 @@ typedef struct oc_place {
 /** The library chooses. At present OC_STRUCTURE_BVH. */
 #define OC_STRUCTURE_DEFAULT 0
 
-/** A wide, quantised bounding volume hierarchy. */
+/** A wide, quantised bounding volume hierarchy. Surfaces are diced into triangles. */
 #define OC_STRUCTURE_BVH 1
+
+/**
+ * Surfaces as grids under quadtrees of quantised boxes, about seven bytes of memory for each triangle that they are
+ * diced into, if each face has some thousands; some forty if a face has few. Triangles as with OC_STRUCTURE_BVH.
+ *
+ * oc_hit.prim of a hit on a surface is the face, in the order in which the faces of all surfaces were added. The error
+ * of exact hits includes `surface_tolerance`. Surfaces keep their own normals if `crease_angle` is below 0 too. Rays
+ * are traced one by one, also those of pictures.
+ */
+#define OC_STRUCTURE_PATCH 4
 
 /** Split if it speeds up the model. */
 #define OC_SPLITS_AUTO 0
@@ -2316,8 +2336,8 @@ typedef struct oc_place {
 #define OC_BUFFER_PART 4
 
 /**
- * 1 uint64_t: index of the triangle in the input of the build. OC_NO_ID for a miss, for a stand-in, and in early
- * pictures for a triangle whose id is not read yet.
+ * 1 uint64_t: as oc_hit.prim. OC_NO_ID for a miss, for a stand-in, and in early pictures for a triangle whose id is not
+ * read yet.
  */
 #define OC_BUFFER_PRIM 5
 

@@ -216,6 +216,13 @@ fn normals_and_colours_of_vertices_are_interpolated() {
 }
 
 #[test]
+fn surfaces_are_hit_in_both_structures() {
+    let dir = temp();
+    let sanitized = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"];
+    run_program(&program(dir.path(), "surfaces.c", &sanitized), dir.path());
+}
+
+#[test]
 fn rays_and_hits_in_single_precision() {
     let dir = temp();
     let sanitized = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"];

@@ -7,6 +7,8 @@ mod forest;
 mod outputs;
 #[path = "cli/scenes.rs"]
 mod scenes;
+#[path = "cli/surfaces.rs"]
+mod surfaces;
 
 use serde_json::Value;
 use std::path::Path;

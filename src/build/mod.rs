@@ -113,7 +113,8 @@ impl StandIns {
 /// Options of a build. The default suits most models.
 #[derive(Debug, Clone, Default)]
 pub struct BuildOptions {
-    /// The acceleration structure.
+    /// The acceleration structure. With [`Structure::Patch`] surfaces are kept as such and not as triangles, and have
+    /// their own normals whatever the crease angle. Default: [`Structure::Bvh`].
     pub structure: Structure,
     /// Bytes of memory that the build may use, at least 32 MiB; 0 for no limit. Default 0. Triangles that do not fit go
     /// through scratch files, about 20 bytes each, or up to 80 if they are split, and their tree is built in chunks:
@@ -150,7 +151,9 @@ pub struct BuildOptions {
     /// Fewest triangles of a subtree that gets a proxy. 0: so many that all proxies take about 0.3 bytes for each
     /// triangle. Default 0.
     pub proxy_triangles: u32,
-    /// How finely smooth surfaces are diced. Default: to [`crate::import::surfaces::TOLERANCE`] of their extent.
+    /// How finely smooth surfaces are diced, in all structures. Default: to
+    /// [`crate::import::surfaces::TOLERANCE`] of their extent. With [`Structure::Patch`] a tolerance is part of the error
+    /// of exact hits.
     pub dicing: Option<Dicing>,
     /// Faces of OBJ files are the cages of subdivision surfaces. Default: they are polygons.
     pub subdivide: bool,

@@ -21,7 +21,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 /// A model under construction. Add meshes, then call oc_build_start to write the model file.
 ///
 /// A part is identified by the caller's own 64-bit id. The primitive id of a triangle is its index in the input: first
-/// the pushed triangles in the order pushed, then those of the files in the order added.
+/// the pushed triangles in the order pushed, then those of the files in the order added. With OC_STRUCTURE_PATCH that of
+/// a surface is its face.
 pub struct oc_build {
     _private: [u8; 0],
 }
@@ -73,9 +74,12 @@ pub type oc_structure = u32;
 pub const OC_STRUCTURE_DEFAULT: oc_structure = 0;
 /// A wide, quantised bounding volume hierarchy. Surfaces are diced into triangles.
 pub const OC_STRUCTURE_BVH: oc_structure = 1;
-/// Surfaces as grids under quadtrees of quantised boxes, about seven bytes for each triangle that they are diced into.
-/// Triangles as with OC_STRUCTURE_BVH. oc_hit.prim of a hit on a surface is the face, in the order in which the faces
-/// of all surfaces were added.
+/// Surfaces as grids under quadtrees of quantised boxes, about seven bytes of memory for each triangle that they are
+/// diced into, if each face has some thousands; some forty if a face has few. Triangles as with OC_STRUCTURE_BVH.
+///
+/// oc_hit.prim of a hit on a surface is the face, in the order in which the faces of all surfaces were added. The error
+/// of exact hits includes `surface_tolerance`. Surfaces keep their own normals if `crease_angle` is below 0 too. Rays
+/// are traced one by one, also those of pictures.
 pub const OC_STRUCTURE_PATCH: oc_structure = 4;
 
 /// Spatial splits: a triangle may be referenced by several leaves. This speeds up models with long thin triangles.

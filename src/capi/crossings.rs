@@ -24,7 +24,7 @@ pub struct oc_crossing {
     pub part: u64,
     /// Id of the instance, as passed to oc_scene_add_instance.
     pub instance: u64,
-    /// Index of the triangle in the input of the build, from 0. OC_NO_ID if `kind` is OC_HIT_MISSING.
+    /// As oc_hit.prim. OC_NO_ID if `kind` is OC_HIT_MISSING.
     pub prim: u64,
     /// Unit geometric normal in world space, on the side of the ray's origin.
     pub normal: [f32; 3],

@@ -72,7 +72,7 @@ pub struct oc_node_triangle {
     /// x, y, z of the first corner, of the second, of the third, in the coordinates of the tree, see oc_tree_place. The
     /// stored positions are exact in double precision.
     pub corners: [f64; 9],
-    /// Index of the triangle in the input of the build, from 0. OC_NO_ID if it was not asked for.
+    /// As oc_hit.prim. OC_NO_ID if it was not asked for.
     pub prim: u64,
     /// Number of the part in the tree, see oc_tree_place.
     pub part: u32,

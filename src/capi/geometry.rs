@@ -24,7 +24,7 @@ pub struct oc_triangle {
     pub corners: [f64; 9],
     /// Id of the part, as passed when the model was built.
     pub part: u64,
-    /// Index of the triangle in the input of the build, from 0.
+    /// As oc_hit.prim.
     pub prim: u64,
     /// Unit normals at the corners with which the surface is shaded, in the order of `corners`, on the side from which
     /// the corners appear counter-clockwise. Those of the triangle itself where the model has no others.

@@ -63,7 +63,7 @@ pub struct oc_nearest_point {
     pub instance: u64,
     /// Id of the part, as passed when the model was built. OC_NO_ID: unknown, or a miss.
     pub part: u64,
-    /// Index of the triangle in the input of the build, from 0. OC_NO_ID: unknown, or a miss.
+    /// As oc_hit.prim. OC_NO_ID: unknown, or a miss.
     pub prim: u64,
     /// OC_HIT_EXACT. OC_HIT_MISS: no triangle is within the limit. OC_HIT_MISSING, only with OC_NEAREST_NOW: data is
     /// not in memory, so that the distance or the id of the triangle is not exact.

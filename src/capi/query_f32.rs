@@ -54,7 +54,7 @@ pub struct oc_hit_f32 {
     pub part: u32,
     /// The lowest 32 bits of the instance's id. Miss: 0xFFFFFFFF.
     pub instance: u32,
-    /// Index of the triangle in the input of the build. Miss: 0xFFFFFFFF.
+    /// As oc_hit.prim. Miss: 0xFFFFFFFF.
     pub prim: u32,
     /// One of the OC_HIT_ constants.
     pub kind: oc_hit_kind,

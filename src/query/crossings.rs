@@ -31,7 +31,7 @@ pub struct Crossing {
     pub part: u64,
     /// The caller's id of the instance.
     pub instance: u64,
-    /// The triangle's index in the input of its model's build; [`NONE`] if it is not in memory.
+    /// As [`Hit::prim`](super::hit::Hit::prim); [`NONE`] if it is not in memory.
     pub prim: u64,
     /// Unit geometric normal in world space, facing the ray's origin.
     pub normal: Vec3,
@@ -364,6 +364,7 @@ fn sort(scene: &SceneState, met: &mut Vec<Met>) {
 }
 
 /// Removes the repetitions of triangles that are in several leaves of a tree, or in several trees of a divided mesh.
+/// A face has one id for many triangles, which are not repeated.
 fn keep_one_of_each(scene: &SceneState, met: &mut Vec<Met>) {
     let tree = |met: &Met| scene.ids_of(met.placed).tree;
     let triangle = |met: &Met| (met.crossing.instance, met.crossing.part, met.crossing.prim);
@@ -374,14 +375,18 @@ fn keep_one_of_each(scene: &SceneState, met: &mut Vec<Met>) {
         let now = met[i];
         if kept > 0 && triangle(&met[kept - 1]) == triangle(&now) {
             let last = met[kept - 1];
-            if last.placed == now.placed && now.is_known {
+            let repeats = now.is_known && !scene.has_ids_of_faces(now.placed);
+            if last.placed == now.placed && repeats {
                 continue;
             }
             if tree(&last) != tree(&now) {
                 of_tree = kept;
             }
-            let is_beside = |other: &Met| scene.placed(other.placed).is_beside(&scene.placed(now.placed));
-            if now.is_known && met[of_triangle..of_tree].iter().any(is_beside) {
+            let is_beside = |other: &Met| {
+                let is_one_mesh = scene.placed(other.placed).is_beside(&scene.placed(now.placed));
+                is_one_mesh && !scene.has_ids_of_faces(other.placed)
+            };
+            if repeats && met[of_triangle..of_tree].iter().any(is_beside) {
                 continue;
             }
         } else {
@@ -391,4 +396,12 @@ fn keep_one_of_each(scene: &SceneState, met: &mut Vec<Met>) {
         kept += 1;
     }
     met.truncate(kept);
+}
+
+impl SceneState {
+    /// True if the primitive ids of a placed tree are those of faces, which have many triangles each.
+    pub(super) fn has_ids_of_faces(&self, placed: u64) -> bool {
+        let ids = self.ids_of(placed);
+        self.models[ids.model as usize].trees()[ids.tree as usize].has_ids_of_faces()
+    }
 }

@@ -6,6 +6,7 @@ use crate::base::ids::BlockId;
 use crate::base::inside_read::refuse_inside_read;
 use crate::base::memory::zeroed;
 use crate::base::progress::Cancel;
+use crate::geom::distances::point_triangle;
 use crate::math::Bounds;
 use crate::residency::{Kept, Lease};
 use crate::scene::SceneState;
@@ -200,8 +201,10 @@ impl PartReader {
         lease.fetch(self.model.blocks(), &needed, cancel)?;
         let snapshot = lease.snapshot(self.model.blocks())?;
         let view = self.model.tree_in(tree, &snapshot, Visit::default());
-        let place = Place3::of_tree(self.model.trees()[tree as usize].origin, place);
-        let (mut failed, id, seen) = (None, self.id, &mut self.seen);
+        let stored = &self.model.trees()[tree as usize];
+        let place = Place3::of_tree(stored.origin, place);
+        let (mut failed, id) = (None, self.id);
+        let mut seen = self.seen.as_mut().filter(|_| !stored.has_ids_of_faces());
         let mut visit = |hit: &TriHit, triangle: &Triangle| {
             if triangle.part != local {
                 return;
@@ -298,7 +301,8 @@ impl SceneState {
         if ids.contains(&super::hit::NONE) || !hit.position.is_finite() {
             return wrong("it needs a position, and the ids of instance, part and primitive");
         }
-        // Of coincident trees the first counts.
+        // Of coincident trees the first counts. Triangles of one face have one id, so the one at the position counts.
+        let mut beside = None;
         let mut numbers: Vec<u64> = self.placed_in(Scenes::All, |b| holds(b, hit.position)).collect();
         numbers.sort_unstable();
         for number in numbers {
@@ -312,11 +316,13 @@ impl SceneState {
             }
             let model = &self.models[placed.model as usize];
             let at = At { model, placed: &placed, hit };
-            if let Some(found) = at.search(cancel)? {
-                return Ok(found);
+            match at.search(cancel)? {
+                Some((true, found)) => return Ok(found),
+                Some((false, found)) => beside = beside.or(Some(found)),
+                None => {}
             }
         }
-        wrong("no triangle of the scene has its ids at its position")
+        beside.map_or_else(|| wrong("no triangle of the scene has its ids at its position"), Ok)
     }
 }
 
@@ -339,7 +345,8 @@ struct At<'a> {
 }
 
 impl At<'_> {
-    fn search(&self, cancel: &Cancel) -> Result<Option<StoredTriangle>> {
+    /// Returns the triangle with the hit's ids that is nearest to its position, and whether it holds the position.
+    fn search(&self, cancel: &Cancel) -> Result<Option<(bool, StoredTriangle)>> {
         let at = self.placed.local_point(self.hit.position);
         let give = slack(self.placed.max_coord().max(at.abs().max_element()));
         let near = |bounds: &Bounds| {
@@ -347,6 +354,7 @@ impl At<'_> {
             at.cmpge(low).all() && at.cmple(high).all()
         };
         let mut lease: Option<Lease> = None;
+        let mut best: Option<(f64, StoredTriangle)> = None;
         let mut places: Vec<Place> = self.view(&self.model.blocks().snapshot()).root().into_iter().collect();
         while let Some(place) = places.pop() {
             cancel.check()?;
@@ -368,12 +376,19 @@ impl At<'_> {
                 return Err(self.corrupt(block));
             }
             for (hit, triangle) in found {
+                let away = point_triangle(at, &triangle.vertices.map(Vec3::as_dvec3)).squared;
+                if best.as_ref().is_some_and(|(least, _)| *least <= away) {
+                    continue;
+                }
                 if let Some(found) = self.compare(&mut lease, &hit, &triangle, cancel)? {
-                    return Ok(Some(found));
+                    if away <= give * give {
+                        return Ok(Some((true, found)));
+                    }
+                    best = Some((away, found));
                 }
             }
         }
-        Ok(None)
+        Ok(best.map(|(_, found)| (false, found)))
     }
 
     fn view<'s>(&'s self, snapshot: &'s crate::residency::Snapshot) -> Tree<'s> {

@@ -239,6 +239,16 @@ impl StoredTree {
         root.map(|(block, number)| (BlockId(block), number))
     }
 
+    /// True if primitive ids are those of faces: many triangles have the same, and none is in several leaves or trees.
+    pub fn has_ids_of_faces(&self) -> bool {
+        match &self.start {
+            Start::Bvh(_) => false,
+            Start::Patch(_) => true,
+            #[cfg(any(test, feature = "brute"))]
+            Start::Brute(_) => false,
+        }
+    }
+
     /// Finds nodes in the blocks of the tree.
     pub fn nodes(&self) -> Nodes {
         let kind = match &self.start {

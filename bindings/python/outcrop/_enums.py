@@ -183,7 +183,16 @@ class Structure(enum.IntEnum):
     DEFAULT = 0
     """The library chooses. At present Structure.BVH."""
     BVH = 1
-    """A wide, quantised bounding volume hierarchy."""
+    """A wide, quantised bounding volume hierarchy. Surfaces are diced into triangles."""
+    PATCH = 4
+    """Surfaces as grids under quadtrees of quantised boxes, about seven bytes of memory for each triangle that they
+    are diced into, if each face has some thousands; some forty if a face has few. Triangles as with
+    Structure.BVH.
+
+    Hit.prim of a hit on a surface is the face, in the order in which the faces of all surfaces were added. The
+    error of exact hits includes `surface_tolerance`. Surfaces keep their own normals if `crease_angle` is below 0
+    too. Rays are traced one by one, also those of pictures.
+    """
 
 
 class Splits(enum.IntEnum):
@@ -578,8 +587,8 @@ class Buffer(enum.IntEnum):
     PART = 4
     """1 uint64_t: id of the part. Miss: OC_NO_ID."""
     PRIM = 5
-    """1 uint64_t: index of the triangle in the input of the build. OC_NO_ID for a miss, for a stand-in, and in early
-    pictures for a triangle whose id is not read yet.
+    """1 uint64_t: as Hit.prim. OC_NO_ID for a miss, for a stand-in, and in early pictures for a triangle whose id is
+    not read yet.
     """
     INSTANCE = 6
     """1 uint64_t: id of the instance. Miss: OC_NO_ID."""

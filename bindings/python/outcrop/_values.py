@@ -423,11 +423,18 @@ class Hit(Value):
     instance: int = 0
     """Id of the instance, as passed to oc_scene_add_instance. Miss: OC_NO_ID."""
     prim: int = 0
-    """Index of the triangle in the input of the build, from 0. Miss: OC_NO_ID."""
+    """Index of the triangle in the input of the build, from 0. On a surface with Structure.PATCH that of the face,
+    among the faces of all surfaces in the order in which they were added: the faces of a cage, or the rectangles
+    between the knots of a NURBS surface. Miss: OC_NO_ID.
+    """
     normal: Vector = (0.0, 0.0, 0.0)
     """Unit geometric normal in world space, on the side of the ray's origin. Miss: 0."""
     uv: Vector = (0.0, 0.0)
-    """Barycentric weights of the triangle's second and third corner. Miss: 0."""
+    """Barycentric weights of the triangle's second and third corner. On a surface with Structure.PATCH the
+    parameters u and v in the face, from 0 to 1, also of a stand-in of one face: those of its middle. u runs along
+    the first edge of a face of four corners; other faces consist of a quad at each corner, in which the
+    parameters are. A stand-in of several faces: 0. Miss: 0.
+    """
     error: float = 0.0
     """An original surface lies within this distance of `position`, in world units. Miss: 0."""
     kind: HitKind = HitKind(0)
@@ -477,7 +484,7 @@ class HitF32(Value):
     instance: int = 0
     """The lowest 32 bits of the instance's id. Miss: 0xFFFFFFFF."""
     prim: int = 0
-    """Index of the triangle in the input of the build. Miss: 0xFFFFFFFF."""
+    """As Hit.prim. Miss: 0xFFFFFFFF."""
     kind: HitKind = HitKind(0)
     """One of the HitKind constants."""
 
@@ -496,7 +503,7 @@ class Triangle(Value):
     part: int = 0
     """Id of the part, as passed when the model was built."""
     prim: int = 0
-    """Index of the triangle in the input of the build, from 0."""
+    """As Hit.prim."""
     normals: Vector = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     """Unit normals at the corners with which the surface is shaded, in the order of `corners`, on the side from
     which the corners appear counter-clockwise. Those of the triangle itself where the model has no others.
@@ -516,7 +523,7 @@ class Crossing(Value):
     instance: int = 0
     """Id of the instance, as passed to oc_scene_add_instance."""
     prim: int = 0
-    """Index of the triangle in the input of the build, from 0. OC_NO_ID if `kind` is HitKind.MISSING."""
+    """As Hit.prim. OC_NO_ID if `kind` is HitKind.MISSING."""
     normal: Vector = (0.0, 0.0, 0.0)
     """Unit geometric normal in world space, on the side of the ray's origin."""
     uv: Vector = (0.0, 0.0)
@@ -596,7 +603,7 @@ class NodeTriangle(Value):
     stored positions are exact in double precision.
     """
     prim: int = 0
-    """Index of the triangle in the input of the build, from 0. OC_NO_ID if it was not asked for."""
+    """As Hit.prim. OC_NO_ID if it was not asked for."""
     part: int = 0
     """Number of the part in the tree, see TreePlace."""
     tree: int = 0
@@ -729,7 +736,7 @@ class NearestPoint(Value):
     part: int = 0
     """Id of the part, as passed when the model was built. OC_NO_ID: unknown, or a miss."""
     prim: int = 0
-    """Index of the triangle in the input of the build, from 0. OC_NO_ID: unknown, or a miss."""
+    """As Hit.prim. OC_NO_ID: unknown, or a miss."""
     kind: HitKind = HitKind(0)
     """HitKind.EXACT. HitKind.MISS: no triangle is within the limit. HitKind.MISSING, only with NearestFlags.NOW:
     data is not in memory, so that the distance or the id of the triangle is not exact.

@@ -52,6 +52,35 @@ def test_cages_are_smooth_and_closed(context: outcrop.Context, tmp_path: Path) -
     assert numpy.allclose(sharp, 1, atol=1e-6)
 
 
+def test_surfaces_under_patch_are_hit_where_their_triangles_are(context: outcrop.Context, tmp_path: Path) -> None:
+    hits, sizes = [], []
+    for structure in outcrop.Structure.BVH, outcrop.Structure.PATCH:
+        path = tmp_path / f"{structure.name}.oc"
+        with context.new_build(outcrop.BuildOptions(structure=structure, surface_level=5)) as build:
+            # A second cage beside the first: its faces have the next numbers.
+            for first, x in (10, 0), (20, 4):
+                parts = [build.add_part(None, id=first + face) for face in range(6)]
+                build.add_cage(parts, CUBE + (x, 0, 0), FACES)
+            with build.start(path) as job:
+                assert job.result().triangles_kept == 2 * 6 * 2 * 4**5
+        with context.open(path) as model, context.scene(model) as scene:
+            hits.append([scene.closest((x, 0, 0), directions(3000)) for x in (0, 4)])
+            sizes.append(model.info.geometry_bytes / model.info.triangles_stored)
+            # All triangles of a face are read back, though they have one id.
+            read = model.triangles(23)
+            assert len(read) == 2 * 4**5
+        assert len(numpy.unique(read["prim"])) == (1 if structure == outcrop.Structure.PATCH else 2 * 4**5)
+    for number, (flat, patch) in enumerate(zip(*hits)):
+        assert (patch["kind"] == outcrop.HitKind.EXACT).all()
+        assert numpy.abs(flat["t"] - patch["t"]).max() < 1e-6
+        # Rays along edges of triangles may meet either neighbour.
+        same = flat["part"] == patch["part"]
+        assert same.mean() > 0.999
+        assert (patch["prim"] == patch["part"] - 10 * (number + 1) + 6 * number).all()
+        assert (flat["prim"] // (2 * 4**5) == patch["prim"])[same].all()
+    assert sizes[1] < 15 < 25 < sizes[0]
+
+
 def test_wrong_cages_are_refused(context: outcrop.Context) -> None:
     with context.new_build() as build:
         part = build.add_part("cube")

@@ -2,6 +2,7 @@
 
 use crate::common::{self, Outcome};
 use glam::{DAffine3, DVec3, Vec3};
+use outcrop::build::Structure;
 use outcrop::math::Ray;
 use outcrop::query::{Crossing, Holds, PartAt, Policy, Side};
 use outcrop::scene::{Context, ContextOptions, Model, Scene, SceneState};
@@ -90,8 +91,10 @@ fn as_text(model: &Model, crossings: &[Crossing], parts: &[PartAt]) -> String {
         let how = if p.holds == Holds::Inside { "in" } else { "perhaps in" };
         text += &format!("starts {how} part {} {:?}\n", p.part, name(model, p.part));
     }
+    // The ids of both a triangle and a face of a surface.
+    let of = if model.info().structure == Structure::Patch.name() { "primitive" } else { "triangle" };
     for c in crossings {
-        text += &format!("{}\t{}\tpart {} {:?}\ttriangle {}\n", c.t, side(c.side), c.part, name(model, c.part), c.prim);
+        text += &format!("{}\t{}\tpart {} {:?}\t{of} {}\n", c.t, side(c.side), c.part, name(model, c.part), c.prim);
     }
     text + &common::counted(crossings.len() as u64, "crossing")
 }

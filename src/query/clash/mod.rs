@@ -22,10 +22,11 @@ use crate::math::DBounds;
 use crate::query::hit::NONE;
 use crate::query::part_set::PartSet;
 use crate::scene::SceneState;
+use crate::structure::Place;
 pub use crate::structure::pairs::PairCounters;
 use depth::Reach;
 use depths::Depths;
-use facts::{Contact, Facts, Found, PairKey};
+use facts::{Contact, Facts, Found, Met, PairKey};
 use glam::DVec3;
 use quest::WALKS_SHARE;
 pub use rules::ClashRules;
@@ -232,8 +233,11 @@ fn hand_out(
 ) -> Result<ClashSummary> {
     let mut summary = ClashSummary { is_cut: found.is_cut, steps: found.steps, ..ClashSummary::default() };
     let mut met: Vec<_> = found.met.iter().zip(ids).collect();
-    met.sort_unstable_by_key(|(met, ids)| (met.parts, **ids));
-    met.dedup_by_key(|(met, ids)| (met.parts, **ids));
+    // A triangle has one id in several leaves; a face has one id for many triangles, which their places tell apart.
+    let place = |at: (u64, Place)| task.scene.has_ids_of_faces(at.0).then_some(at);
+    let key = |(met, ids): &(&Met, &[u64; 2])| (met.parts, **ids, met.at.map(place));
+    met.sort_unstable_by_key(key);
+    met.dedup_by_key(|one| key(one));
     let mut met = met.into_iter().peekable();
     let keys: BTreeSet<PairKey> = found.facts.keys().chain(contained.keys()).copied().collect();
     let mut clashes: Vec<(PairKey, Clash)> = Vec::new();

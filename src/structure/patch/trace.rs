@@ -367,15 +367,15 @@ impl<'a> TreeView<'a> {
         self.prim_at(self.prim_place(hit).ok_or(BlockId(hit.block))?)
     }
 
-    /// See [`crate::structure::Tree::prim_place`]. Grids have their ids themselves.
+    /// See [`crate::structure::Tree::prim_place`]. Grids have their ids themselves; places tell their triangles apart.
     pub fn prim_place(&self, hit: &TriHit) -> Option<Place> {
-        Some(Place { block: hit.block, item: grid_of(hit.tri) as u32 })
+        Some(Place { block: hit.block, item: hit.tri })
     }
 
     /// Returns the primitive id at a place, or the block of the place if it is not in memory.
     pub fn prim_at(&self, place: Place) -> Result<u32, BlockId> {
         let words = self.visited(place.block).ok_or(BlockId(place.block))?;
-        Ok(Grids(words).grid(place.item as usize).map_or(u32::MAX, |grid| grid.head[1]))
+        Ok(Grids(words).grid(grid_of(place.item)).map_or(u32::MAX, |grid| grid.head[1]))
     }
 
     /// See [`crate::structure::Tree::colours`].
