@@ -62,11 +62,12 @@ pub fn children(word: u32, node: &Planes) -> [[f32; 4]; 6] {
     let mut out = [[0.0; 4]; 6];
     for axis in 0..2 {
         let (low, high) = (node[axis], node[axis + 3]);
-        let plane = |which: usize| {
+        // No closures here: they are compiled without the instruction set.
+        let mut at = [0.0; 4];
+        for which in 0..4 {
             let code = word >> (12 * axis + 3 * which) & 7;
-            between(low, high, SHARES[which][code as usize])
-        };
-        let at = [plane(0), plane(1), plane(2), plane(3)];
+            at[which] = between(low, high, SHARES[which][code as usize]);
+        }
         for child in 0..4 {
             let half = child >> axis & 1;
             out[axis][child] = at[2 * half];
@@ -85,7 +86,8 @@ pub fn children(word: u32, node: &Planes) -> [[f32; 4]; 6] {
 /// One column of [`children`].
 #[inline(always)]
 pub fn child(boxes: &[[f32; 4]; 6], which: usize) -> Planes {
-    std::array::from_fn(|plane| boxes[plane][which & 3])
+    let which = which & 3;
+    [boxes[0][which], boxes[1][which], boxes[2][which], boxes[3][which], boxes[4][which], boxes[5][which]]
 }
 
 /// The word whose boxes hold `boxes`, which lie in `node`: the tightest code of each plane.

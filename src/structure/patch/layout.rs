@@ -60,6 +60,7 @@
 use super::codes::Planes;
 use crate::lod::{Coded, Middle, coded_normal, stored_normal};
 use crate::math::Bounds;
+use bytemuck::must_cast_ref;
 use glam::{DMat3, DVec3, Mat3, Vec3};
 
 /// First word of a block of nodes. Blocks with per-triangle numbers begin with smaller values.
@@ -199,10 +200,14 @@ impl<'a> Block<'a> {
 pub struct Node<'a>(pub &'a [u32; NODE_WORDS]);
 
 impl Node<'_> {
-    /// A row of planes: low x, y, z, high x, y, z.
+    /// The rows of planes: low x, y, z, high x, y, z.
     #[inline(always)]
-    pub fn row(&self, row: usize) -> [f32; WIDTH] {
-        std::array::from_fn(|slot| f32::from_bits(self.0[WIDTH * (row % 6) + slot]))
+    pub fn rows(&self) -> &[[f32; WIDTH]; 6] {
+        let rows: &[[f32; WIDTH]; WIDTH] = must_cast_ref(self.0);
+        match rows.first_chunk() {
+            Some(rows) => rows,
+            None => unreachable!(),
+        }
     }
 
     /// The box of a child.
@@ -311,11 +316,12 @@ impl Frame<'_> {
     /// The linear map to the system.
     #[inline(always)]
     pub fn map(&self) -> Mat3 {
-        let row = |i: usize| {
-            let at = |axis: usize| f32::from_bits(self.head[3 + 3 * i + axis]);
-            Vec3::new(at(0), at(1), at(2))
-        };
-        Mat3::from_cols(row(0), row(1), row(2)).transpose()
+        let at = |i: usize| f32::from_bits(self.head[i]);
+        Mat3::from_cols(
+            Vec3::new(at(3), at(6), at(9)),
+            Vec3::new(at(4), at(7), at(10)),
+            Vec3::new(at(5), at(8), at(11)),
+        )
     }
 
     /// The map from the system, without the centre.

@@ -1,5 +1,7 @@
 //! The test of the eight triangles of a leaf of a quadtree: four cells of a grid, nine vertices.
 
+#![allow(clippy::needless_range_loop)] // rows, columns, lanes and axes index several arrays at once
+
 use super::layout::{Grid, of_morton};
 use super::ray::Prepared;
 use crate::geom::Shear;
@@ -46,16 +48,27 @@ pub fn eight<S: Simd>(s: S, ray: &Prepared, grid: &Grid, number: usize, t_max: f
     let at = 3 * (2 * j * grid.side + 2 * i);
     // A leaf beyond the grid, which only a malformed file has, is never hit.
     let is_there = 2 * i + 2 < grid.side && 2 * j + 2 < grid.side;
-    let rows: [&[u32]; 3] = std::array::from_fn(|row| {
-        let at = at + 3 * row * grid.side;
-        if is_there { &grid.vertices[at..at + 9] } else { &[0; 9] }
-    });
+    // No closures here: they are compiled without the instruction set.
+    let mut nine = [[0.0f32; 9]; 3];
+    if is_there {
+        for row in 0..3 {
+            let words = &grid.vertices[at + 3 * row * grid.side..][..9];
+            for column in 0..3 {
+                for axis in 0..3 {
+                    nine[axis][3 * row + column] = f32::from_bits(words[3 * column + k[axis]]);
+                }
+            }
+        }
+    }
     let by = [s.splat8(by[0]), s.splat8(by[1]), s.splat8(by[2])];
     let mut corners = [Sheared { x: zero, y: zero, z: zero }; 3];
     for (corner, sheared) in corners.iter_mut().enumerate() {
         let mut p = [zero; 3];
         for axis in 0..3 {
-            let lanes = CORNERS[corner].map(|at| f32::from_bits(rows[at / 3][3 * (at % 3) + k[axis]]));
+            let mut lanes = [0.0; 8];
+            for lane in 0..8 {
+                lanes[lane] = nine[axis][CORNERS[corner][lane]];
+            }
             p[axis] = s.load8(&lanes) - s.splat8(ray.org[k[axis]]);
         }
         *sheared = shear(p, by);

@@ -41,21 +41,23 @@ impl<'a> Prepared<'a> {
     #[inline(always)]
     pub fn new(ray: LocalRay, max_coord: f32, filter: Option<&'a PartFilter<'a>>) -> Self {
         let inv = reciprocal(ray.dir);
-        let slack = Vec3::from([0, 1, 2].map(|axis| ray::slack(ray.org[axis], inv[axis], max_coord)));
+        let of = ray::slack;
+        let (org, m) = (ray.org, max_coord);
+        let slack = Vec3::new(of(org.x, inv.x, m), of(org.y, inv.y, m), of(org.z, inv.z, m));
         Self { ray, inv, slack, shear: Shear::new(ray.dir), is_lod: ray.cone != Cone::ZERO, filter }
     }
 
     /// The boxes of eight children that the ray meets from `t_min` to `t_max`, and where it enters them.
     #[inline(always)]
-    pub fn boxes<S: Simd>(&self, s: S, row: impl Fn(usize) -> [f32; 8], t_max: f32) -> (u32, [f32; 8]) {
+    pub fn boxes<S: Simd>(&self, s: S, rows: &[[f32; 8]; 6], t_max: f32) -> (u32, [f32; 8]) {
         let (mut enter, mut leave) = (s.splat8(self.ray.t_min), s.splat8(t_max));
         for axis in 0..3 {
             let is_positive = self.inv[axis] >= 0.0;
             let (near, far) = if is_positive { (axis, axis + 3) } else { (axis + 3, axis) };
             let (org, inv) = (s.splat8(self.ray.org[axis]), s.splat8(self.inv[axis]));
             let slack = s.splat8(self.slack[axis] * BOXES);
-            enter = ((s.load8(&row(near)) - slack - org) * inv).max(enter);
-            leave = ((s.load8(&row(far)) + slack - org) * inv).min(leave);
+            enter = ((s.load8(&rows[near]) - slack - org) * inv).max(enter);
+            leave = ((s.load8(&rows[far]) + slack - org) * inv).min(leave);
         }
         (enter.le(leave).bits(), enter.to_array())
     }
@@ -128,14 +130,15 @@ impl FrameRay {
     /// The same of one box.
     #[inline(always)]
     pub fn one(&self, planes: &Planes) -> [f32; 2] {
-        let [enter, leave] = self.four(&planes.map(|plane| [plane; 4]));
+        let [a, b, c, d, e, f] = *planes;
+        let [enter, leave] = self.four(&[[a; 4], [b; 4], [c; 4], [d; 4], [e; 4], [f; 4]]);
         [enter[0], leave[0]]
     }
 
     /// Area of a box as the ray sees it, times the direction's length.
     #[inline(always)]
     pub fn area(&self, planes: &Planes) -> f32 {
-        let [x, y, z] = [0, 1, 2].map(|axis| planes[axis + 3] - planes[axis]);
+        let (x, y, z) = (planes[3] - planes[0], planes[4] - planes[1], planes[5] - planes[2]);
         self.faces[0] * y * z + self.faces[1] * z * x + self.faces[2] * x * y
     }
 }

@@ -198,7 +198,7 @@ impl<'a> TreeView<'a> {
     ) {
         let Some(node) = block.node(index) else { return };
         walk.counters.nodes += 1;
-        let (met, enter) = ray.boxes(s, |row| node.row(row), walk.best.t);
+        let (met, enter) = ray.boxes(s, node.rows(), walk.best.t);
         let bottom = walk.stack.len();
         for slot in bits(met) {
             let (to, below) = match node.child(slot) {
@@ -214,13 +214,12 @@ impl<'a> TreeView<'a> {
                 let bounds = node.bounds(slot);
                 let planes = planes_of_bounds(&bounds);
                 let parts = Parts { words: voxel.0[3], summary: voxel.0[4] };
-                let small = || {
-                    let size = bounds.extent();
-                    ray.ray.dir.abs().dot(Vec3::new(size.y * size.z, size.z * size.x, size.x * size.y))
-                };
+                let size = bounds.extent();
+                let faces = Vec3::new(size.y * size.z, size.z * size.x, size.x * size.y);
+                let area = ray.ray.dir.abs().dot(faces);
                 let cell = Judged { cell: Cell::Child(index, slot), block: id, parts };
                 let is_missing = to != id && self.visit.accept_missing && self.words(to).is_none();
-                if cell.settles::<ANY>(ray, ray.cross(&planes), small, is_missing, walk) {
+                if cell.settles::<ANY>(ray, ray.cross(&planes), area, is_missing, walk) {
                     continue;
                 }
             }
@@ -245,26 +244,21 @@ impl<'a> TreeView<'a> {
         let parts = Parts { words: part, summary: u32::MAX };
         let local = FrameRay::new(ray, &frame, from);
         let lacks_grids = self.visit.accept_missing && self.words(id + self.leaves_at).is_none();
-        // The end of the ray in the distances of the frame, and some roundings.
-        let end = |walk: &Walk| (walk.best.t - from) + walk.best.t.abs() * 4e-7;
-        let judge = |cell: &Open, leave: f32, walk: &mut Walk| {
-            let here = Judged { cell: Cell::Frame(at, cell.level, cell.number), block: id, parts };
-            let is_missing = lacks_grids && cell.level == levels;
-            let across = [cell.enter + from, leave + from];
-            here.settles::<ANY>(ray, across, || local.area(&cell.planes), is_missing, walk)
-        };
+        // Without cells there is nothing to judge.
+        let has_cells = ray.is_lod || lacks_grids;
+        let here = InFrame { ray, local: &local, from, parts, at, block: id, lacks_grids, levels };
         let mut open = [Open { enter: 0.0, level: 0, number: 0, planes: ROOT }; OPEN];
         let [enter, leave] = local.one(&ROOT);
         open[0].enter = enter;
-        let is_met = enter <= leave.min(end(walk)) && leave + from >= ray.ray.t_min;
-        if !is_met || judge(&open[0], leave, walk) {
+        let is_met = enter <= leave.min(here.end(walk)) && leave + from >= ray.ray.t_min;
+        if !is_met || has_cells && here.settles::<ANY>(&open[0], leave, walk) {
             return Ok(());
         }
         let mut count = 1;
         while count > 0 {
             count -= 1;
             let Open { enter, level, number, planes } = open[count];
-            if enter > end(walk) {
+            if enter > here.end(walk) {
                 continue;
             }
             if level == levels {
@@ -280,13 +274,13 @@ impl<'a> TreeView<'a> {
             let [enter, leave] = local.four(&boxes);
             let bottom = count;
             for i in 0..4 {
-                let is_met = enter[i] <= leave[i].min(end(walk)) && leave[i] + from >= ray.ray.t_min;
+                let is_met = enter[i] <= leave[i].min(here.end(walk)) && leave[i] + from >= ray.ray.t_min;
                 if !is_met {
                     continue;
                 }
                 let below =
                     Open { enter: enter[i], level: level + 1, number: 4 * number + i, planes: child(&boxes, i) };
-                if judge(&below, leave[i], walk) {
+                if has_cells && here.settles::<ANY>(&below, leave[i], walk) {
                     if ANY && walk.best.is_hit() {
                         return Ok(());
                     }
@@ -408,6 +402,37 @@ impl<'a> TreeView<'a> {
     }
 }
 
+/// A ray in a frame.
+struct InFrame<'a> {
+    ray: &'a Prepared<'a>,
+    local: &'a FrameRay,
+    /// Distance at which it enters.
+    from: f32,
+    parts: Parts,
+    /// First word of the frame, and its block.
+    at: usize,
+    block: u32,
+    lacks_grids: bool,
+    levels: u32,
+}
+
+impl InFrame<'_> {
+    /// The end of the ray in the distances of the frame, and some roundings.
+    #[inline(always)]
+    fn end(&self, walk: &Walk) -> f32 {
+        (walk.best.t - self.from) + walk.best.t.abs() * 4e-7
+    }
+
+    /// See [`Judged::settles`].
+    #[inline(always)]
+    fn settles<const ANY: bool>(&self, cell: &Open, leave: f32, walk: &mut Walk) -> bool {
+        let here = Judged { cell: Cell::Frame(self.at, cell.level, cell.number), block: self.block, parts: self.parts };
+        let is_missing = self.lacks_grids && cell.level == self.levels;
+        let across = [cell.enter + self.from, leave + self.from];
+        here.settles::<ANY>(self.ray, across, self.local.area(&cell.planes), is_missing, walk)
+    }
+}
+
 /// The parts in a cell.
 #[derive(Clone, Copy)]
 struct Parts {
@@ -438,14 +463,14 @@ impl Judged {
     }
 
     /// Accepts the cell as a stand-in if it is no larger than the ray's footprint and the ray begins outside of it, or
-    /// in place of data that is missing. `small` returns its area as the ray sees it. True if nothing below remains to
+    /// in place of data that is missing. `area` is its area as the ray sees it. True if nothing below remains to
     /// be visited.
     #[inline(always)]
     fn settles<const ANY: bool>(
         &self,
         ray: &Prepared,
         [enter, leave]: [f32; 2],
-        small: impl Fn() -> f32,
+        area: f32,
         is_missing: bool,
         walk: &mut Walk,
     ) -> bool {
@@ -455,7 +480,7 @@ impl Judged {
         if !is_met {
             return is_missing;
         }
-        if ray.is_lod && enter > t_min && ray.covers(t, small()) {
+        if ray.is_lod && enter > t_min && ray.covers(t, area) {
             match self.allowed(filter) {
                 Some(false) => {}
                 Some(true) if filter.is_some_and(|filter| filter.descends(t)) => {}

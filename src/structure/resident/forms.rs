@@ -55,6 +55,8 @@ impl MakeForms {
         let Some(now) = tree(self.tree) else { return Ok(self.phase_done()) };
         if self.make.is_none() {
             let begun = match (self.is_measured, self.sizes.get(self.tree)) {
+                // The blocks of surfaces are small because they are not triangles.
+                (false, _) if now.has_parameters() => Err(Stopped::Impossible),
                 (false, _) => Make::measuring(&now),
                 (true, Some(Some(size))) => Make::making(&now, *size)?,
                 (true, _) => Err(Stopped::Impossible),
