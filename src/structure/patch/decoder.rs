@@ -144,7 +144,10 @@ impl Decoder for PatchDecoder {
 
 /// Part, primitive id and level of each grid. Those of the frames above are the same.
 fn shapes_of_grids(grids: Grids) -> Vec<[u32; 3]> {
-    (0..grids.count()).filter_map(|number| grids.grid(number)).map(|grid| [grid.part(), grid.face(), grid.level]).collect()
+    (0..grids.count())
+        .filter_map(|number| grids.grid(number))
+        .map(|grid| [grid.part(), grid.face(), grid.level])
+        .collect()
 }
 
 fn ensure(holds: bool, why: &str) -> Result<(), String> {

@@ -1,6 +1,7 @@
 use super::*;
 use crate::structure::nodes::Node;
 use crate::structure::patch::build::{BuiltFrame, Plans, Tile, Upper, build, encode};
+use crate::structure::patch::layout::FRAME_WORDS;
 use crate::structure::patch::nodes;
 use crate::structure::place::Place;
 use bytemuck::Zeroable;
