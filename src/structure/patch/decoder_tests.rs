@@ -211,6 +211,26 @@ fn each_damage_of_leaf_blocks_is_found() {
     each_is_found(&leaf, LEAF_ID, all);
 }
 
+/// Voxels with samples of sides have no use for the second word of their mean.
+#[test]
+fn second_words_of_voxels_with_sides_are_zero() {
+    let [coarse, fine, _] = sound();
+    let mut met = 0;
+    for (good, id) in [(coarse, COARSE_ID), (fine, FINE_ID)] {
+        let block = Block(&good);
+        for node in (0..block.nodes()).map(|index| block.node(index).unwrap()) {
+            let voxels = node.children().filter(|it| block.voxel(&node, it.0).is_some_and(|v| v.sides().is_some()));
+            for (slot, _) in voxels {
+                let mut words = good.clone();
+                words[node.0[56 + slot] as usize + 2] = 1;
+                assert!(validate(&words, id, TREE).is_err());
+                met += 1;
+            }
+        }
+    }
+    assert!(met > 0);
+}
+
 #[test]
 fn blocks_are_accepted_in_their_class_only() {
     let blocks = sound();
