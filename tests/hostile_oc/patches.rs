@@ -44,7 +44,7 @@ fn rays() -> Vec<Ray> {
         let from = random.point().normalize() * 5.0;
         let dir = (random.point() * 0.5 - from).as_vec3();
         let cone = if i % 2 == 0 { Cone::ZERO } else { Cone { a: 0.01 * (1 << (i / 2)) as f32, b: 1e-3 } };
-        Ray { cone, ..Ray::new(from, if i % 5 == 4 { Vec3::from(dir).map(f32::round) } else { dir }) }
+        Ray { cone, ..Ray::new(from, if i % 5 == 4 { dir.round() } else { dir }) }
     };
     (0..20).map(ray).filter(|ray| ray.dir != Vec3::ZERO).collect()
 }
