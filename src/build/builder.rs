@@ -24,7 +24,8 @@ use crate::import::{
 };
 use crate::math::srgb;
 use crate::store::{InstanceRow, MaterialRow, PartRow, TreeRow, sections};
-use crate::structure::{Par, Structure};
+use crate::structure::Par;
+use crate::structure::bake::surfaces;
 use glam::{DAffine3, DVec3};
 use std::path::Path;
 use std::sync::Arc;
@@ -463,7 +464,7 @@ impl Sink for Builder {
     }
 
     fn cage(&mut self, mesh: MeshKey, cage: &CageMesh<'_>) -> Result<()> {
-        if self.options.structure == Structure::Patch {
+        if self.options.structure == surfaces::STRUCTURE {
             let owned = OwnedCage::of(cage, &mut self.heights)?;
             return self.surface(mesh, Shape::Cage(owned));
         }
@@ -474,7 +475,7 @@ impl Sink for Builder {
     }
 
     fn nurbs(&mut self, mesh: MeshKey, surface: &NurbsMesh<'_>) -> Result<()> {
-        if self.options.structure == Structure::Patch {
+        if self.options.structure == surfaces::STRUCTURE {
             return self.surface(mesh, Shape::Nurbs(OwnedNurbs::of(surface)?));
         }
         let (dicing, cancel) = (self.dicing(), self.cancel.clone());

@@ -1,5 +1,5 @@
 //! The build of a tree of a surface: the surface is cut into square tiles of a grid, each flat enough for a system of
-//! its own, and these fill blocks in the order of the surface (`structure::patch::build`).
+//! its own, and these fill blocks in the order of the surface (`structure::bake::surfaces`).
 //!
 //! Tiles are made a few at a time, on all threads, and their blocks are put aside at once: memory is that of the
 //! surface's control points and of what the tree above blocks takes, whatever the number of triangles.
@@ -16,10 +16,8 @@ use crate::base::progress::Phase;
 use crate::geom::surface::dice::{Dicer, Dicing, Quads, Tile as Samples};
 use crate::math::{Bounds, DBounds};
 use crate::store::TreeRow;
-use crate::structure::Structure;
 use crate::structure::bake::Counts;
-use crate::structure::patch::build::{self as bake, BuiltFrame, Plan, Plans, Tile, Upper};
-use crate::structure::patch::layout::{CLASSES, MOST_LEVEL};
+use crate::structure::bake::surfaces::{self as bake, BuiltFrame, CLASSES, MOST_LEVEL, Plan, Plans, Tile, Upper};
 use glam::{DVec3, Vec3, Vec4};
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -85,7 +83,8 @@ impl Patches<'_> {
             Shape::Nurbs(nurbs) => {
                 let mesh = nurbs.mesh();
                 let checked = mesh.checked()?;
-                let home = |_: usize| Home { face: 0, part: mesh.part, corner: 0, place: [0; 3] };
+                // Each rectangle between knots is a face.
+                let home = |quad: usize| Home { face: quad as u32, part: mesh.part, corner: 0, place: [0; 3] };
                 self.bake(&mesh.quads(&checked), mesh.dicing(asked), mesh.is_reversed, &home, output, assembly)
             }
         }
@@ -106,7 +105,7 @@ impl Patches<'_> {
         let origin = origin::choose(&bounds, false);
         let mut row = TreeRow {
             first_block: output.writer.blocks_written(),
-            structure: Structure::Patch as u32,
+            structure: bake::STRUCTURE as u32,
             local_parts: self.local_parts,
             origin: origin.to_array(),
             ..TreeRow::EMPTY
@@ -225,6 +224,7 @@ impl<Q: Quads> Maker<'_, Q> {
                 face,
                 corner: home.corner,
                 place,
+                is_turned: false,
             };
             let error = |(p, stored): (&DVec3, &Vec3)| (stored.as_dvec3() + self.origin).distance(*p);
             let errors = samples.positions.iter().zip(&tile.positions).map(error);

@@ -1,7 +1,8 @@
 //! Surfaces that are kept until their trees are built.
 
-use crate::base::error::Result;
+use crate::base::error::{Error, Result};
 use crate::geom::surface::cage::{Boundary, CageDesc, Creasing, TriangleRule};
+use crate::geom::surface::dice::Quads;
 use crate::geom::surface::nurbs::NurbsDesc;
 use crate::import::surfaces::{CageMesh, Displacement, Heights, NurbsMesh};
 use glam::DVec3;
@@ -49,6 +50,8 @@ pub struct OwnedNurbs {
     domain: Option<[[f64; 2]; 2]>,
     extent: f64,
     part: u32,
+    /// The rectangles between its knots.
+    faces: u32,
 }
 
 impl OwnedCage {
@@ -105,7 +108,9 @@ impl OwnedCage {
 impl OwnedNurbs {
     /// Copies a surface.
     pub fn of(mesh: &NurbsMesh) -> Result<Self> {
-        mesh.checked().map(drop)?;
+        let surface = mesh.checked()?;
+        let faces = u32::try_from(mesh.quads(&surface).count());
+        let faces = faces.map_err(|_| Error::bad_argument("surface: there are too many knots"))?;
         let NurbsMesh { desc, is_reversed, domain, extent, part } = *mesh;
         Ok(Self {
             degree: desc.degree,
@@ -117,6 +122,7 @@ impl OwnedNurbs {
             domain,
             extent,
             part,
+            faces,
         })
     }
 
@@ -140,7 +146,7 @@ impl Shape {
     pub fn faces(&self) -> u32 {
         match self {
             Self::Cage(cage) => cage.sizes.len() as u32,
-            Self::Nurbs(_) => 1,
+            Self::Nurbs(nurbs) => nurbs.faces,
         }
     }
 

@@ -74,8 +74,8 @@ pub const OC_STRUCTURE_DEFAULT: oc_structure = 0;
 /// A wide, quantised bounding volume hierarchy. Surfaces are diced into triangles.
 pub const OC_STRUCTURE_BVH: oc_structure = 1;
 /// Surfaces as grids under quadtrees of quantised boxes, about seven bytes for each triangle that they are diced into.
-/// Triangles as with OC_STRUCTURE_BVH. oc_hit.prim of a hit on a surface is the face, in the order in which the faces of
-/// all surfaces were added.
+/// Triangles as with OC_STRUCTURE_BVH. oc_hit.prim of a hit on a surface is the face, in the order in which the faces
+/// of all surfaces were added.
 pub const OC_STRUCTURE_PATCH: oc_structure = 4;
 
 /// Spatial splits: a triangle may be referenced by several leaves. This speeds up models with long thin triangles.

@@ -107,11 +107,16 @@ pub struct oc_hit {
     pub part: u64,
     /// Id of the instance, as passed to oc_scene_add_instance. Miss: OC_NO_ID.
     pub instance: u64,
-    /// Index of the triangle in the input of the build, from 0. Miss: OC_NO_ID.
+    /// Index of the triangle in the input of the build, from 0. On a surface with OC_STRUCTURE_PATCH that of the face,
+    /// among the faces of all surfaces in the order in which they were added: the faces of a cage, or the rectangles
+    /// between the knots of a NURBS surface. Miss: OC_NO_ID.
     pub prim: u64,
     /// Unit geometric normal in world space, on the side of the ray's origin. Miss: 0.
     pub normal: [f32; 3],
-    /// Barycentric weights of the triangle's second and third corner. Miss: 0.
+    /// Barycentric weights of the triangle's second and third corner. On a surface with OC_STRUCTURE_PATCH the
+    /// parameters u and v in the face, from 0 to 1, also of a stand-in of one face: those of its middle. u runs along
+    /// the first edge of a face of four corners; other faces consist of a quad at each corner, in which the parameters
+    /// are. A stand-in of several faces: 0. Miss: 0.
     pub uv: [f32; 2],
     /// An original surface lies within this distance of `position`, in world units. Miss: 0.
     pub error: f32,

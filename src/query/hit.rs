@@ -39,11 +39,14 @@ pub struct Hit {
     pub part: u64,
     /// The caller's id of the instance.
     pub instance: u64,
-    /// The triangle's index in the input of its model's build.
+    /// The triangle's index in the input of its model's build. On a surface of structure `patch` the face's, among the
+    /// faces of all surfaces in the order in which they were added: the faces of a cage, or the rectangles between the
+    /// knots of a NURBS surface.
     pub prim: u64,
     /// Unit geometric normal in world space, facing the ray's origin.
     pub normal: Vec3,
-    /// Weights of the triangle's second and third vertex.
+    /// Weights of the triangle's second and third vertex. On a surface of structure `patch` the parameters u and v in
+    /// the face, from 0 to 1, also of a stand-in of one face: those of its middle.
     pub uv: [f32; 2],
     /// Some original surface lies within this distance of `position` (world units).
     pub error: f32,

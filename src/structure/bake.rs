@@ -3,6 +3,7 @@
 #[cfg(any(test, feature = "brute"))]
 use super::brute;
 use super::par::Par;
+use super::patch;
 use super::{Structure, bvh};
 use crate::base::error::Result;
 use crate::base::progress::Stretch;
@@ -210,6 +211,17 @@ pub trait Baker {
     fn max_stack(depth: u32) -> u32;
     /// Item in the tree's first block where walks begin.
     fn root() -> u32;
+}
+
+/// The bake of surfaces: tiles of a surface in, frames and blocks out. There is one structure with surfaces, so this is
+/// no trait.
+pub mod surfaces {
+    use super::{Structure, patch};
+    pub use patch::build::{BuiltFrame, Cell, Plan, Plans, Tile, Upper, build, encode, max_stack};
+    pub use patch::layout::{CLASSES, MOST_LEVEL};
+
+    /// The structure of the trees.
+    pub const STRUCTURE: Structure = Structure::Patch;
 }
 
 /// Work that is compiled once for the baker of each structure.

@@ -360,6 +360,21 @@ impl<'a> Tree<'a> {
         of_each!(&self.blocks, own => own.parts_in_cell(hit))
     }
 
+    /// True if hits have parameters of the surface that was hit.
+    pub fn has_parameters(&self) -> bool {
+        matches!(self.blocks, Blocks::Patch(_))
+    }
+
+    /// Returns the parameters (u, v) of a hit in the face that it lies on, from 0 to 1: those of the middle of a
+    /// stand-in. `hit.u` and `hit.v` are the weights of a triangle's corners. `None` for triangles that are no surfaces,
+    /// for stand-ins of several faces, and if a block has left the snapshot.
+    pub fn parameters(&self, hit: &TriHit) -> Option<[f32; 2]> {
+        match &self.blocks {
+            Blocks::Patch(own) => own.parameters(hit),
+            _ => None,
+        }
+    }
+
     /// Returns the block that the stand-in of a hit replaces, if that block is missing.
     pub fn wanted(&self, hit: &TriHit) -> Option<u32> {
         of_each!(&self.blocks, own => own.wanted(hit))

@@ -127,7 +127,8 @@ impl NurbsMesh<'_> {
         Nurbs::new(&self.desc)
     }
 
-    /// The quads of its surface, as [`Self::checked`] gives it. Their normals are along du × dv, also if it is reversed.
+    /// The quads of its surface, as [`Self::checked`] gives it. Their normals are along du × dv, also if it is
+    /// reversed.
     pub fn quads<'s>(&self, surface: &'s Nurbs) -> NurbsQuads<'s> {
         NurbsQuads::new(surface, self.domain)
     }

@@ -232,6 +232,9 @@ impl<const N: usize> Seen<N> {
         if want.has(Want::SHADING_NORMAL) {
             self.fill_shading(at, rays, hits, out, &mut rest);
         }
+        if want.has(Want::UV) && at.tree().has_parameters() {
+            fill_parameters(at, hits, met & !rest.lacking, out);
+        }
         if want.has(Want::PRIM) {
             self.fill_prims(at, hits, met, out, &mut rest);
         }
@@ -509,6 +512,14 @@ fn free_before(view: &SceneView, ray: &Ray, cell: FirstCell) -> f64 {
 pub(super) fn missed(view: &SceneView, ray: &Ray, found: &Found, want: Want) -> Hit {
     let is_free = !(want.has(Want::ERROR) && found.first_cell.is_up_to(ray.t_max));
     Hit { t_free: if is_free { f64::INFINITY } else { free_before(view, ray, found.first_cell) }, ..Hit::MISS }
+}
+
+/// Replaces the weights of triangles' corners by the parameters of the surface.
+fn fill_parameters<const N: usize>(at: &InTree, hits: &(impl TreeHits<N> + ?Sized), met: u32, out: &mut [Hit; N]) {
+    for i in bits(met) {
+        let [u, v] = out[i].uv;
+        out[i].uv = at.tree().parameters(&TriHit { u, v, ..hits.hit(i) }).unwrap_or_default();
+    }
 }
 
 /// Sets `error` and `t_free` of a hit to values that hold for any content of the missing blocks.

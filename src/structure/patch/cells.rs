@@ -1,12 +1,11 @@
 //! Data of hits, read from blocks: cells for stand-ins, and triangles.
 
-use super::layout::{Frame, bounds_of, of_morton};
+use super::layout::{Block, Child, Frame, Grids, Voxel, bounds_of, grid_of, middle, of_morton};
 use super::trace::{Cell, TreeView, planes_of};
 use crate::lod::{Coded, Look, OrientedSlab, OrientedSlabs, fields, normal_bytes, oriented_slabs, summary_bit};
 use crate::math::{Bounds, bits};
 use crate::structure::cell::{CellParts, Cells};
 use crate::structure::hit::{StandIn, TriHit};
-use crate::structure::patch::layout::{Block, Child, Voxel, middle};
 use crate::structure::surface::Surfaces;
 use glam::{DVec3, Vec3};
 
@@ -88,6 +87,19 @@ impl<'a> TreeView<'a> {
             }
         }
         gone
+    }
+
+    /// See [`crate::structure::Tree::parameters`].
+    pub fn parameters(&self, hit: &TriHit) -> Option<[f32; 2]> {
+        if hit.stand_in().is_some() {
+            let Found::Frame(frame, level, number) = self.cell_at(hit)?.1 else { return None };
+            let ((column, row), size) = (of_morton(number), 1.0 / (1u32 << level) as f32);
+            return Some(frame.in_face((column as f32 + 0.5) * size, (row as f32 + 0.5) * size));
+        }
+        let number = grid_of(hit.tri);
+        let [u, v] = Grids(self.words(hit.block)?).grid(number)?.at(hit.tri, [hit.u, hit.v])?;
+        let (_, frame) = Block(self.words(hit.block.checked_sub(self.leaves_at)?)?).all_frames().nth(number)?;
+        Some(frame.in_face(u, v))
     }
 
     /// See [`crate::structure::Tree::parts_in_cell`].

@@ -246,7 +246,7 @@ fn check_frames(block: Block, met: &[usize]) -> Result<(), String> {
         ensure(frame.levels() < MOST_LEVEL && frame.head[14] & 0xfff0 == 0, "a frame has an unknown shape")?;
         ensure(frame.grid() == number, "the grids of frames are not numbered consecutively")?;
         let [level, column, row] = frame.place();
-        let is_place = level <= MOST_PLACE && column.max(row) >> level == 0;
+        let is_place = level <= MOST_PLACE && column.max(row) >> level == 0 && frame.head[15] >> 29 == 0;
         ensure(is_place, "the place of a frame is not in the square of its face")?;
         let numbers = frame.head[..12].iter().map(|word| f32::from_bits(*word));
         ensure(numbers.into_iter().all(f32::is_finite), "a frame is not finite")?;

@@ -23,7 +23,17 @@ fn frame(number: usize, level: u32) -> BuiltFrame {
     let positions: Vec<Vec3> = (0..side * side).map(at).collect();
     let normals = vec![Vec3::Z; positions.len()];
     let part = number as u32 % 2;
-    build(&Tile { level, positions, normals, part, colour: Vec3::ONE, face: 7, corner: 0, place: [2, 3, 1] })
+    build(&Tile {
+        level,
+        positions,
+        normals,
+        part,
+        colour: Vec3::ONE,
+        face: 7,
+        corner: 0,
+        place: [2, 3, 1],
+        is_turned: false,
+    })
 }
 
 /// A coarse, a fine and a leaf block of a tree: ten frames, the first of which has a quadtree of two levels.

@@ -39,7 +39,8 @@
 //! | 12 | the tree's local part |
 //! | 13 | primitive id: the face |
 //! | 14 | bits 0 to 3 levels of the quadtree below the root, bits 16 to 31 number of the grid in the leaf block |
-//! | 15 | place in the square of the face: level (bits 0 to 3), column (bits 4 to 15) and row (bits 16 to 27) there |
+//! | 15 | place in the square of the face: level (bits 0 to 3), column (bits 4 to 15) and row (bits 16 to 27) there; |
+//! | | bit 28: x runs along the face's v, y along its u |
 //! | 16 | corner of the face, if the face has other than four |
 //! | 17, 18 | normals at the four corners, 16 bits each (`lod`): of (0, 0), (1, 0), (0, 1), (1, 1) |
 //! | 19 | second word of the sample that stand-ins show: colour and cover |
@@ -85,6 +86,8 @@ pub const MAX_WORDS: usize = 16384;
 pub const MOST_LEVEL: u32 = 5;
 /// Greatest level of a frame's place in the square of its face.
 pub const MOST_PLACE: u32 = 12;
+/// Bits from 28 of the place of a frame that is turned over.
+pub const TURNED: u32 = 1;
 /// Greatest number of grids of a leaf block.
 pub const MOST_GRIDS: usize = 1 << 10;
 
@@ -282,7 +285,20 @@ impl Frame<'_> {
     /// Place in the square of the face: level, column and row.
     pub fn place(&self) -> [u32; 3] {
         let word = self.head[15];
-        [word & 15, word >> 4 & 0xfff, word >> 16]
+        [word & 15, word >> 4 & 0xfff, word >> 16 & 0xfff]
+    }
+
+    /// True if the frame's x is the face's v: the surface was turned over.
+    pub fn is_turned(&self) -> bool {
+        self.head[15] >> 28 == TURNED
+    }
+
+    /// The parameters in the face of those in the frame, from 0 to 1.
+    pub fn in_face(&self, u: f32, v: f32) -> [f32; 2] {
+        let [level, column, row] = self.place();
+        let size = 1.0 / (1u32 << level) as f32;
+        let at = [(column as f32 + u) * size, (row as f32 + v) * size];
+        if self.is_turned() { [at[1], at[0]] } else { at }
     }
 
     /// Centre of the system.
@@ -407,6 +423,14 @@ impl Grid<'_> {
             0 => [at(i, j), at(i + 1, j), at(i + 1, j + 1)],
             _ => [at(i, j), at(i + 1, j + 1), at(i, j + 1)],
         })
+    }
+
+    /// Where a point of a triangle of [`tri_of`] is in the grid's square, by the weights of its second and third corner.
+    pub fn at(&self, tri: u32, [second, third]: [f32; 2]) -> Option<[f32; 2]> {
+        let corners = self.corners(tri)?.map(|at| [at % self.side, at / self.side].map(|x| x as f32));
+        let [a, b, c] = corners;
+        let cells = (self.side - 1) as f32;
+        Some([0, 1].map(|axis| (a[axis] + second * (b[axis] - a[axis]) + third * (c[axis] - a[axis])) / cells))
     }
 
     /// The corners of a triangle of [`tri_of`].

@@ -7,8 +7,8 @@
 //! ray whose footprint covers a box meets it there. Other rays meet the triangles of the frame's grid, the paper's
 //! exact variant (PREGEN^C, section 3.6): its vertices are on the surface.
 //!
-//! Differences from the paper: the map of a frame is affine, not projective. A leaf of the quadtree is four cells, eight
-//! triangles, which one vector test takes. Boxes enclose the vertices of the grid.
+//! Differences from the paper: the map of a frame is affine, not projective. A leaf of the quadtree is four cells,
+//! eight triangles, which one vector test takes. Boxes enclose the vertices of the grid.
 
 pub mod build;
 mod cells;

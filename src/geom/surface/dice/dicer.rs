@@ -35,8 +35,8 @@ pub(super) struct Block<F> {
 }
 
 impl<'a, Q: Quads> Dicer<'a, Q> {
-    /// Finds the levels of all edges, and the means at vertices. Fails with `BadArgument` as [`Dicing::check`], and with
-    /// `Cancelled`.
+    /// Finds the levels of all edges, and the means at vertices. Fails with `BadArgument` as [`Dicing::check`], and
+    /// with `Cancelled`.
     ///
     /// Memory: 24 bytes for each vertex, some 30 for each edge.
     pub fn new(surface: &'a Q, dicing: Dicing, cancel: &Cancel) -> Result<Self> {

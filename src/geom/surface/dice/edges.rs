@@ -96,9 +96,10 @@ impl Edges {
         u32::from(self.levels[edge as usize])
     }
 
-    /// The points number `first` to `last` of a side's 2^level segments, in the direction of the quad's parameter. Those
-    /// at the ends, which are the vertices `ends`, are the means of all quads around; those between them are the means
-    /// of the quads at the edge. All are summed in the order of these quads, hence have the same bits for each of them.
+    /// The points number `first` to `last` of a side's 2^level segments, in the direction of the quad's parameter.
+    /// Those at the ends, which are the vertices `ends`, are the means of all quads around; those between them are the
+    /// means of the quads at the edge. All are summed in the order of these quads, hence have the same bits for each of
+    /// them.
     pub fn points<Q: Quads>(
         &self,
         surface: &Q,

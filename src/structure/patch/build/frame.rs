@@ -4,7 +4,7 @@ use super::cell::Cell;
 use crate::lod::{Facet, coded_normal};
 use crate::math::{Bounds, octahedral};
 use crate::structure::patch::codes::{Planes, child, children, encode};
-use crate::structure::patch::layout::{FRAME_WORDS, ROOT, of_morton, tree_words};
+use crate::structure::patch::layout::{FRAME_WORDS, ROOT, TURNED, of_morton, tree_words};
 use glam::{DMat3, DVec3, Mat3, Vec3};
 
 /// A square part of a surface: a grid of 2^level cells along each side.
@@ -24,8 +24,10 @@ pub struct Tile {
     pub face: u32,
     /// Corner of a face that has other than four.
     pub corner: u32,
-    /// Level of the tile in the square of the face, and its column and row there.
+    /// Level of the tile in the square of the face, and its place there along x and along y.
     pub place: [u32; 3],
+    /// True if x runs along the face's v: the tile was turned over.
+    pub is_turned: bool,
 }
 
 /// A frame before it is in a block.
@@ -88,6 +90,7 @@ impl Tile {
         self.positions = turned(&self.positions);
         self.normals = turned(&self.normals).into_iter().map(|n| -n).collect();
         self.place.swap(1, 2);
+        self.is_turned = !self.is_turned;
     }
 
     /// The vertices around the tile, counter-clockwise in (u, v).
@@ -199,8 +202,8 @@ fn words_of(tile: &Tile, system: &System, levels: u32, second: u32) -> Vec<u32> 
     let rows = system.map.transpose();
     let numbers = [system.centre, rows.x_axis, rows.y_axis, rows.z_axis];
     let mut words: Vec<u32> = numbers.iter().flat_map(|v| v.to_array().map(f32::to_bits)).collect();
-    let [level, column, row] = tile.place;
-    words.extend([tile.part, tile.face, levels, level | column << 4 | row << 16, tile.corner]);
+    let ([level, column, row], turned) = (tile.place, if tile.is_turned { TURNED << 28 } else { 0 });
+    words.extend([tile.part, tile.face, levels, level | column << 4 | row << 16 | turned, tile.corner]);
     let last = tile.side() - 1;
     let normal = |i: usize, j: usize| coded_normal(tile.normals[j * tile.side() + i].normalize_or(Vec3::Z));
     words.extend([normal(0, 0) | normal(last, 0) << 16, normal(0, last) | normal(last, last) << 16, second]);
@@ -288,7 +291,17 @@ mod tests {
         let share = |i: usize| i as f32 / (side - 1) as f32;
         let positions: Vec<Vec3> = (0..side * side).map(|k| at(share(k % side), share(k / side))).collect();
         let normals = vec![Vec3::Z; positions.len()];
-        Tile { level, positions, normals, part: 0, colour: Vec3::ONE, face: 0, corner: 0, place: [0; 3] }
+        Tile {
+            level,
+            positions,
+            normals,
+            part: 0,
+            colour: Vec3::ONE,
+            face: 0,
+            corner: 0,
+            place: [0; 3],
+            is_turned: false,
+        }
     }
 
     /// All vertices of a node are in its decoded box, and in the box around that in the tree's frame.
