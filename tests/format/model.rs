@@ -1,10 +1,10 @@
 //! The file that the page is compared with.
 
-use crate::common::shapes;
+use crate::common::{nurbs, shapes};
 use glam::{DAffine3, DQuat, DVec3};
 use outcrop::base::progress::{Cancel, Progress};
 use outcrop::build::{BuildOptions, Builder, StandIns, Structure};
-use outcrop::import::surfaces::{CageMesh, Dicing};
+use outcrop::import::surfaces::{CageMesh, Dicing, NurbsMesh};
 use outcrop::import::{Attributes, MaterialDesc, MeshKey, PartDesc, Sink, UpAxis};
 use outcrop::store::contents::{KINDS, Kind};
 use outcrop::store::header::ALIGN;
@@ -119,6 +119,10 @@ pub fn patches() -> (&'static [u8], ModelFile) {
             let mesh = CageMesh { desc: shape.desc(), positions: &shape.points, parts: &parts, displacement: None };
             builder.cage(MeshKey::DIRECT, &mesh).expect("a surface");
         }
+        let torus = nurbs::torus();
+        let part = builder.part(PartDesc::default()).expect("a part");
+        let mesh = NurbsMesh { desc: torus.desc(), is_reversed: true, domain: None, extent: 0.0, part };
+        builder.nurbs(MeshKey::DIRECT, &mesh).expect("a surface");
         builder.finish(&path).expect("a build");
         std::fs::read(&path).expect("a file")
     }))

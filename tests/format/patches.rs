@@ -148,12 +148,23 @@ struct ChildAt {
     parts: Option<u32>,
 }
 
+/// A part of the square of a face: the corner of the face if it has several squares, and the part's place.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Square {
+    corner: usize,
+    level: usize,
+    u: usize,
+    v: usize,
+}
+
 struct FrameAt {
     at: usize,
     centre: DVec3,
     map: DMat3,
     part: u32,
     face: u32,
+    square: Square,
+    is_turned: bool,
     levels: u32,
     tree: Vec<u32>,
 }
@@ -235,14 +246,18 @@ impl Page {
             let tree = words(&bytes[tree_at..tree_at + 4 * ((1 << (2 * levels)) - 1) / 3]);
             assert_eq!(row.number("number of its grid"), number);
             let place = row.number("place");
-            let (level, column, line) = (place & 15, place >> 4 & 0xfff, place >> 16);
-            assert!(level <= 12 && column.max(line) < 1 << level);
+            let (level, column, line) = (place & 15, place >> 4 & 0xfff, place >> 16 & 0xfff);
+            assert!(level <= 12 && column.max(line) < 1 << level && place >> 29 == 0);
+            let is_turned = place >> 28 == 1;
+            let (u, v) = if is_turned { (line, column) } else { (column, line) };
+            let corner = row.number("corner");
             let of_row = |i: usize| Vec3::new(m[3 * i], m[3 * i + 1], m[3 * i + 2]).as_dvec3();
             let [part, face] = ["the tree's local part", "primitive id"].map(|name| row.number(name) as u32);
             let centre = Vec3::from_slice(&row.floats("centre")).as_dvec3();
             let map = DMat3::from_cols(of_row(0), of_row(1), of_row(2)).transpose();
             let size = self.frame.size / 4 + tree.len();
-            all.push(FrameAt { at, centre, map, part, face, levels, tree });
+            let square = Square { corner, level, u, v };
+            all.push(FrameAt { at, centre, map, part, face, square, is_turned, levels, tree });
             at += size;
         }
         assert_eq!(4 * at, bytes.len());
@@ -379,7 +394,7 @@ impl Around<'_> {
 fn vertices_lie_in_the_boxes_above_them() {
     let (_, file) = patches();
     let page = Page::new();
-    let (mut most, mut levels) = (0, BTreeSet::new());
+    let (mut most, mut levels, mut turned) = (0, BTreeSet::new(), 0);
     let trees: Vec<TreeRow> = file.trees().iter().filter(|tree| tree.structure == 4).copied().collect();
     for tree in &trees {
         let [coarse, fine, leaf, none] = tree.class_blocks;
@@ -412,8 +427,30 @@ fn vertices_lie_in_the_boxes_above_them() {
         assert_eq!(read.grids.values().map(Vec::len).sum::<usize>(), frames);
         levels.append(&mut read.levels);
         blocks_beside(&file, &read, first, coarse + fine);
+        turned += squares_of_faces(&read);
     }
-    assert!(trees.len() == 2 && most > 1 && levels.len() > 1, "{} trees, {most} fine blocks, {levels:?}", trees.len());
+    assert!(most > 1 && levels.len() > 1, "{most} fine blocks, {levels:?}");
+    assert_eq!((trees.len(), turned), (3, 1));
+}
+
+/// Checks that the frames of each face fill its squares without overlap. Returns 1 if all are turned over, 0 if none.
+fn squares_of_faces(read: &Read) -> usize {
+    let mut faces: BTreeMap<(u32, usize), BTreeSet<Square>> = BTreeMap::new();
+    let frames: Vec<&FrameAt> = read.blocks.values().flat_map(|block| &block.frames).collect();
+    for frame in &frames {
+        assert!(faces.entry((frame.face, frame.square.corner)).or_default().insert(frame.square));
+    }
+    for (face, squares) in faces {
+        let area = squares.iter().map(|square| 1 << (2 * (12 - square.level))).sum::<u64>();
+        assert_eq!(area, 1 << 24, "{face:?}");
+        let is_above = |of: &Square, up: usize| {
+            squares.contains(&Square { level: of.level - up, u: of.u >> up, v: of.v >> up, ..*of })
+        };
+        assert!(!squares.iter().any(|square| (1..=square.level).any(|up| is_above(square, up))), "{face:?}");
+    }
+    let turned = frames.iter().filter(|frame| frame.is_turned).count();
+    assert!(turned == 0 || turned == frames.len());
+    usize::from(turned > 0)
 }
 
 /// Checks the blocks of primitive ids and of normals: those of leaf blocks have a normal for each vertex.

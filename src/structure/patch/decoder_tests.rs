@@ -179,6 +179,7 @@ fn each_damage_of_fine_blocks_is_found() {
         (vec![(frame + 15, 2 | 4 << 4 | 1 << 16)], "a column beyond the face"),
         (vec![(frame + 15, 2 | 3 << 4 | 4 << 16)], "a row beyond the face"),
         (vec![(frame + 15, fine[frame + 15] | 1 << 31)], "the highest bit of a place"),
+        (vec![(frame + 15, fine[frame + 15] | 1 << 29)], "the lowest bit of a place that has no meaning"),
         (vec![(frame + 3, 0), (frame + 4, 0), (frame + 5, 0)], "a map without a first row"),
         ((0..3).map(|i| (frame + 6 + i, fine[frame + 3 + i])).collect(), "a map with the same row twice"),
         ((3..12).map(|i| (frame + i, 1f32.to_bits())).collect(), "a map with equal rows"),
