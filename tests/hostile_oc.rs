@@ -1,6 +1,9 @@
 //! A model file that is damaged, cut off, or wrong throughout with all its checksums right: an error,
 //! or the answers of the intact file; never a crash, never other answers.
 
+#[path = "hostile_oc/patches.rs"]
+mod patches;
+
 use glam::{DAffine3, DVec3};
 use outcrop::base::ids::BlockId;
 use outcrop::base::progress::{Cancel, Progress};

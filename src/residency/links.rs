@@ -177,7 +177,7 @@ impl Known {
 const NO_NODE: &str = "another block refers to a node of this block that does not exist or that has a parent in it";
 
 const INVALID: &str = "a reference between this block and others leads to a node that does not exist, or to one that \
-                       another node refers to";
+                       another node refers to, or the block and its corresponding block are inconsistent";
 
 fn absent(to: BlockId) -> String {
     format!("the block refers to a node that does not exist in block {}", to.0)

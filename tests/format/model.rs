@@ -1,8 +1,10 @@
 //! The file that the page is compared with.
 
+use crate::common::{nurbs, shapes};
 use glam::{DAffine3, DQuat, DVec3};
 use outcrop::base::progress::{Cancel, Progress};
-use outcrop::build::{BuildOptions, Builder, StandIns};
+use outcrop::build::{BuildOptions, Builder, StandIns, Structure};
+use outcrop::import::surfaces::{CageMesh, Dicing, NurbsMesh};
 use outcrop::import::{Attributes, MaterialDesc, MeshKey, PartDesc, Sink, UpAxis};
 use outcrop::store::contents::{KINDS, Kind};
 use outcrop::store::header::ALIGN;
@@ -99,6 +101,31 @@ pub fn model() -> (&'static [u8], ModelFile) {
 pub fn with_proxies() -> (&'static [u8], ModelFile) {
     static MODEL: OnceLock<Vec<u8>> = OnceLock::new();
     opened(MODEL.get_or_init(|| build(StandIns::Proxies)))
+}
+
+/// A model of surfaces: trees of structure `patch`, one of them of several fine blocks.
+pub fn patches() -> (&'static [u8], ModelFile) {
+    static MODEL: OnceLock<Vec<u8>> = OnceLock::new();
+    opened(MODEL.get_or_init(|| {
+        let dir = tempfile::tempdir_in("/dev/shm").or_else(|_| tempfile::tempdir()).expect("a folder");
+        let path = dir.path().join("model.oc");
+        let (structure, dicing) = (Structure::Patch, Some(Dicing::Level(5)));
+        let options = BuildOptions { threads: 1, structure, dicing, ..BuildOptions::default() };
+        let mut builder = Builder::new(options, Arc::new(Progress::default()), Cancel::new()).expect("a builder");
+        for name in ["cube_creases", "spike"] {
+            let shape = shapes::own().into_iter().find(|shape| shape.name == name).expect("a shape");
+            let parts: Vec<u32> =
+                shape.sizes.iter().map(|_| builder.part(PartDesc::default()).expect("a part")).collect();
+            let mesh = CageMesh { desc: shape.desc(), positions: &shape.points, parts: &parts, displacement: None };
+            builder.cage(MeshKey::DIRECT, &mesh).expect("a surface");
+        }
+        let torus = nurbs::torus();
+        let part = builder.part(PartDesc::default()).expect("a part");
+        let mesh = NurbsMesh { desc: torus.desc(), is_reversed: true, domain: None, extent: 0.0, part };
+        builder.nurbs(MeshKey::DIRECT, &mesh).expect("a surface");
+        builder.finish(&path).expect("a build");
+        std::fs::read(&path).expect("a file")
+    }))
 }
 
 fn opened(bytes: &'static [u8]) -> (&'static [u8], ModelFile) {

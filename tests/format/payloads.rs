@@ -283,7 +283,7 @@ fn words_of_leaves() {
 }
 
 /// The first bit and the number of bits of each row of a table of bits. The rows fill a word.
-fn bits(begin: &str) -> Vec<(u32, u32)> {
+pub fn bits(begin: &str) -> Vec<(u32, u32)> {
     let mut end = 0;
     let rows = table(begin, "bits | field").into_iter().map(|row| {
         let (first, last) = row[0].split_once(" to ").expect("first and last bit");

@@ -1,6 +1,7 @@
 use super::*;
 use crate::structure::nodes::Node;
 use crate::structure::patch::build::{BuiltFrame, Plans, Tile, Upper, build, encode};
+use crate::structure::patch::layout::FRAME_WORDS;
 use crate::structure::patch::nodes;
 use crate::structure::place::Place;
 use bytemuck::Zeroable;
@@ -178,6 +179,7 @@ fn each_damage_of_fine_blocks_is_found() {
         (vec![(frame + 15, 2 | 4 << 4 | 1 << 16)], "a column beyond the face"),
         (vec![(frame + 15, 2 | 3 << 4 | 4 << 16)], "a row beyond the face"),
         (vec![(frame + 15, fine[frame + 15] | 1 << 31)], "the highest bit of a place"),
+        (vec![(frame + 15, fine[frame + 15] | 1 << 29)], "the lowest bit of a place that has no meaning"),
         (vec![(frame + 3, 0), (frame + 4, 0), (frame + 5, 0)], "a map without a first row"),
         ((0..3).map(|i| (frame + 6 + i, fine[frame + 3 + i])).collect(), "a map with the same row twice"),
         ((3..12).map(|i| (frame + i, 1f32.to_bits())).collect(), "a map with equal rows"),
@@ -218,6 +220,26 @@ fn each_damage_of_leaf_blocks_is_found() {
     let end = leaf.len() - 1;
     all.extend([second - 1, second + 4, end].map(|at| (vec![(at, f32::INFINITY.to_bits())], "an infinite vertex")));
     each_is_found(&leaf, LEAF_ID, all);
+}
+
+/// Voxels with samples of sides have no use for the second word of their mean.
+#[test]
+fn second_words_of_voxels_with_sides_are_zero() {
+    let [coarse, fine, _] = sound();
+    let mut met = 0;
+    for (good, id) in [(coarse, COARSE_ID), (fine, FINE_ID)] {
+        let block = Block(&good);
+        for node in (0..block.nodes()).map(|index| block.node(index).unwrap()) {
+            let voxels = node.children().filter(|it| block.voxel(&node, it.0).is_some_and(|v| v.sides().is_some()));
+            for (slot, _) in voxels {
+                let mut words = good.clone();
+                words[node.0[56 + slot] as usize + 2] = 1;
+                assert!(validate(&words, id, TREE).is_err());
+                met += 1;
+            }
+        }
+    }
+    assert!(met > 0);
 }
 
 #[test]
