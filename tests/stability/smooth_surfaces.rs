@@ -11,14 +11,14 @@ use crate::common::nurbs::{self, Nurbs};
 use crate::common::shapes::{Shape, own};
 use crate::common::view::View;
 use glam::DVec3;
-use outcrop::build::BuildOptions;
+use outcrop::build::{BuildOptions, Structure};
 use outcrop::import::surfaces::{CageMesh, Dicing, Displacement, Heights, NurbsMesh, Wrap};
 use outcrop::import::{MeshKey, PartDesc, Sink};
 
 const SIZE: (u32, u32) = (96, 72);
 
-fn cage(shape: &Shape, displacement: Option<Displacement>, tolerance: f64) -> Built {
-    let options = BuildOptions { dicing: Some(Dicing::Tolerance(tolerance)), ..built::options() };
+fn cage(structure: Structure, shape: &Shape, displacement: Option<Displacement>, tolerance: f64) -> Built {
+    let options = BuildOptions { structure, dicing: Some(Dicing::Tolerance(tolerance)), ..built::options() };
     let fill = |builder: &mut outcrop::build::Builder| {
         let part = builder.part(PartDesc::default()).expect("a part");
         let mesh = CageMesh { desc: shape.desc(), positions: &shape.points, parts: &[part], displacement };
@@ -27,8 +27,8 @@ fn cage(shape: &Shape, displacement: Option<Displacement>, tolerance: f64) -> Bu
     build_with(options, fill).0
 }
 
-fn nurbs(shape: &Nurbs, tolerance: f64) -> Built {
-    let options = BuildOptions { dicing: Some(Dicing::Tolerance(tolerance)), ..built::options() };
+fn nurbs(structure: Structure, shape: &Nurbs, tolerance: f64) -> Built {
+    let options = BuildOptions { structure, dicing: Some(Dicing::Tolerance(tolerance)), ..built::options() };
     let fill = |builder: &mut outcrop::build::Builder| {
         let part = builder.part(PartDesc::default()).expect("a part");
         let mesh = NurbsMesh { desc: shape.desc(), is_reversed: false, domain: None, extent: 0.0, part };
@@ -91,17 +91,25 @@ fn middle(shape: &Shape) -> DVec3 {
     shape.points.iter().sum::<DVec3>() / shape.points.len() as f64
 }
 
+/// The structures that surfaces have.
+const STRUCTURES: [Structure; 2] = [Structure::Bvh, Structure::Patch];
+
+fn check_cage(structure: Structure, shape: &Shape, place: &str) {
+    let (built, name) = (cage(structure, shape, None, 1e-3 * shape.extent()), format!("{}{place}", shape.name));
+    let name = format!("{name}, {}", structure.name());
+    // The middle of `two_cubes_vertex` is the vertex that its cubes share.
+    if shape.is_closed() && shape.name != "two_cubes_vertex" {
+        check_closed(&name, &built, middle(shape));
+    } else {
+        check_open(&name, &built, shape.fine());
+    }
+}
+
 /// Cubes with creases of sharpness 0.1 to infinity and with corners, vertices of valence 3 to 64, darts.
 #[test]
 fn cages_are_whole() {
-    for shape in own() {
-        // The shape of valence 64 and that of a spike are flat or narrow: fewer pixels would show them.
-        let built = cage(&shape, None, 1e-3 * shape.extent());
-        if shape.is_closed() && shape.name != "two_cubes_vertex" {
-            check_closed(&shape.name, &built, middle(&shape));
-        } else {
-            check_open(&shape.name, &built, shape.fine());
-        }
+    for (shape, structure) in own().iter().flat_map(|shape| STRUCTURES.map(|structure| (shape, structure))) {
+        check_cage(structure, shape, "");
     }
 }
 
@@ -110,11 +118,7 @@ fn cages_are_whole_far_from_zero() {
     let far = DVec3::new(1e7, -2e7, 1e7);
     for mut shape in own().into_iter().filter(|it| ["cube_creases", "valence_7"].contains(&it.name.as_str())) {
         shape.points.iter_mut().for_each(|p| *p += far);
-        let built = cage(&shape, None, 1e-3 * shape.extent());
-        match shape.is_closed() {
-            true => check_closed(&format!("{} far away", shape.name), &built, middle(&shape)),
-            false => check_open(&format!("{} far away", shape.name), &built, shape.fine()),
-        }
+        STRUCTURES.into_iter().for_each(|structure| check_cage(structure, &shape, " far away"));
     }
 }
 
@@ -129,17 +133,17 @@ fn spikes_are_whole() {
         let coordinates: Vec<[f64; 2]> = (0..shape.indices.len()).map(|i| at[i % 4]).collect();
         let scale = 0.1 * shape.extent();
         let displacement = Displacement { heights: &heights, scale, coordinates: &coordinates };
-        let built = cage(&shape, Some(displacement), 2e-3 * shape.extent());
-        check_closed(&format!("{} with spikes", shape.name), &built, middle(&shape));
+        for structure in STRUCTURES {
+            let built = cage(structure, &shape, Some(displacement), 4e-3 * shape.extent());
+            let name = format!("{} with spikes, {}", shape.name, structure.name());
+            check_closed(&name, &built, middle(&shape));
+        }
     }
 }
 
 /// Collapsed sides are points of a sphere, where the normal has a limit, and tips of cones, where it has none.
 #[test]
 fn poles_and_cusps_are_whole() {
-    check_closed("sphere", &nurbs(&nurbs::sphere(), 1e-3), DVec3::new(0.1, 0.2, -0.3));
-    check_closed("torus", &nurbs(&nurbs::torus(), 3e-3), DVec3::new(3.1, 0.2, -0.1));
-    check_closed("double cone", &nurbs(&nurbs::double_cone(), 1e-3), DVec3::new(0.1, 0.1, -0.2));
     let side = 200;
     let at = |i: i32, y: f64| {
         let t = f64::from(i) / f64::from(side);
@@ -149,5 +153,13 @@ fn poles_and_cusps_are_whole() {
         let [a, b, c, d] = [at(i, -1.0), at(i + 1, -1.0), at(i + 1, 1.0), at(i, 1.0)];
         [[a, b, c], [a, c, d]]
     });
-    check_open("cusp", &nurbs(&nurbs::cusp(), 1e-3), strips.collect());
+    let strips: Vec<_> = strips.collect();
+    for structure in STRUCTURES {
+        let name = |of: &str| format!("{of}, {}", structure.name());
+        let build = |shape: &Nurbs, tolerance: f64| nurbs(structure, shape, tolerance);
+        check_closed(&name("sphere"), &build(&nurbs::sphere(), 1e-3), DVec3::new(0.1, 0.2, -0.3));
+        check_closed(&name("torus"), &build(&nurbs::torus(), 3e-3), DVec3::new(3.1, 0.2, -0.1));
+        check_closed(&name("double cone"), &build(&nurbs::double_cone(), 1e-3), DVec3::new(0.1, 0.1, -0.2));
+        check_open(&name("cusp"), &build(&nurbs::cusp(), 1e-3), strips.clone());
+    }
 }
