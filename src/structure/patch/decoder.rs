@@ -23,8 +23,8 @@ pub struct PatchDecoder {
     streams: Streams,
     /// Block ranges of the trees, ascending.
     trees: Vec<TreeBlocks>,
-    /// Key of the hash by which a block's frames and its leaf block's grids are compared (`shapes_of_grids`): random, so
-    /// that no file can be constructed in which they compare equal and differ.
+    /// Key of the hash by which a block's frames and its leaf block's grids are compared (`shapes_of_grids`): random,
+    /// so that no file can be constructed in which they compare equal and differ.
     key: RandomState,
 }
 
