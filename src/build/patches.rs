@@ -11,7 +11,7 @@ use super::output::{ClassAside, Output, Span};
 use super::parts::Assembly;
 use super::surfaces::{Shape, Surface};
 use super::survey::OfPart;
-use crate::base::error::Result;
+use crate::base::error::{Error, Result};
 use crate::base::progress::Phase;
 use crate::geom::surface::dice::{Dicer, Dicing, Quads, Tile as Samples};
 use crate::math::{Bounds, DBounds};
@@ -141,6 +141,10 @@ impl Patches<'_> {
                 parts.into_iter().for_each(|(part, of)| of.add_to(&mut of_parts, part));
                 row.triangles += frames.iter().map(|frame| frame.triangles).sum::<u64>();
                 frames.into_iter().for_each(|frame| blocks.push(frame));
+            }
+            let most = self.options.max_triangles;
+            if most > 0 && output.report.triangles_in + row.triangles > most {
+                return Err(Error::OverLimit { what: "triangles of the input", most, limit: "max_triangles" });
             }
             blocks.put_aside(output, false)?;
             progress.advance(span.part(done as f64 / total as f64 * 0.9, 1.0).0);

@@ -112,6 +112,10 @@ fn cages_are_built_described_and_checked() {
         &["build", "cube.obj", "--subdivide", "--structure", "patch", "--level", LEVEL, "--threads", "1", "-o", "1.oc"],
     );
     assert!(fs::read(dir.join("1.oc")).unwrap() == fs::read(dir.join("patch.oc")).unwrap());
+    let most = (TRIANGLES - 1).to_string();
+    let limited =
+        ["build", "cube.obj", "--subdivide", "--structure", "patch", "--level", LEVEL, "--max-triangles", &most];
+    fails(dir, &[&limited[..], &["-o", "no.oc"]].concat(), 1, "max_triangles");
     fails(dir, &["build", "cube.obj", "--structure", "grid", "-o", "no.oc"], 2, "patch");
     assert!(!names(dir).contains(&"no.oc".to_string()));
 }
