@@ -111,8 +111,8 @@
  * A model under construction. Add meshes, then call oc_build_start to write the model file.
  *
  * A part is identified by the caller's own 64-bit id. The primitive id of a triangle is its index in the input: first
- * the pushed triangles in the order pushed, then those of the files in the order added. With OC_STRUCTURE_PATCH that of
- * a surface is its face.
+ * the pushed triangles in the order pushed, then those of the files in the order added. With OC_STRUCTURE_PATCH that
+ * of a surface is its face.
  */
 typedef struct oc_build oc_build;
 
@@ -2336,8 +2336,8 @@ typedef struct oc_place {
 #define OC_BUFFER_PART 4
 
 /**
- * 1 uint64_t: as oc_hit.prim. OC_NO_ID for a miss, for a stand-in, and in early pictures for a triangle whose id is not
- * read yet.
+ * 1 uint64_t: as oc_hit.prim. OC_NO_ID for a miss, for a stand-in, and in early pictures for a triangle whose id is
+ * not read yet.
  */
 #define OC_BUFFER_PRIM 5
 

@@ -152,8 +152,8 @@ pub struct BuildOptions {
     /// triangle. Default 0.
     pub proxy_triangles: u32,
     /// How finely smooth surfaces are diced, in all structures. Default: to
-    /// [`crate::import::surfaces::TOLERANCE`] of their extent. With [`Structure::Patch`] a tolerance is part of the error
-    /// of exact hits.
+    /// [`crate::import::surfaces::TOLERANCE`] of their extent. With [`Structure::Patch`] a tolerance is part of the
+    /// error of exact hits.
     pub dicing: Option<Dicing>,
     /// Faces of OBJ files are the cages of subdivision surfaces. Default: they are polygons.
     pub subdivide: bool,

@@ -11,7 +11,7 @@ use super::output::{ClassAside, Output, Span};
 use super::parts::Assembly;
 use super::surfaces::{Shape, Surface};
 use super::survey::OfPart;
-use crate::base::error::Result;
+use crate::base::error::{Error, Result};
 use crate::base::progress::Phase;
 use crate::geom::surface::dice::{Dicer, Dicing, Quads, Tile as Samples};
 use crate::math::{Bounds, DBounds};
@@ -62,7 +62,6 @@ struct Made {
     frames: Vec<BuiltFrame>,
     parts: BTreeMap<u32, OfPart>,
     position_error: f64,
-    degenerate: u64,
 }
 
 impl Patches<'_> {
@@ -137,12 +136,15 @@ impl Patches<'_> {
                 Ok(maker.make(&work))
             });
             for made in made {
-                let Made { frames, parts, position_error, degenerate } = made?;
+                let Made { frames, parts, position_error } = made?;
                 row.position_error = row.position_error.max(position_error);
-                output.report.degenerate += degenerate;
                 parts.into_iter().for_each(|(part, of)| of.add_to(&mut of_parts, part));
                 row.triangles += frames.iter().map(|frame| frame.triangles).sum::<u64>();
                 frames.into_iter().for_each(|frame| blocks.push(frame));
+            }
+            let most = self.options.max_triangles;
+            if most > 0 && output.report.triangles_in + row.triangles > most {
+                return Err(Error::OverLimit { what: "triangles of the input", most, limit: "max_triangles" });
             }
             blocks.put_aside(output, false)?;
             progress.advance(span.part(done as f64 / total as f64 * 0.9, 1.0).0);
@@ -250,7 +252,7 @@ impl<Q: Quads> Maker<'_, Q> {
             edges: Edges::around(self.origin, border.iter().map(stored)),
         };
         let frame = bake::build(&tile);
-        made.degenerate += (2 << (2 * tile.level)) - frame.triangles;
+        // Cells that collapse at a coarser neighbour are no triangles of the input, so the frame's are all that count.
         OfPart { count: frame.triangles, bounds: if frame.triangles > 0 { of.bounds } else { Bounds::EMPTY }, ..of }
             .add_to(&mut made.parts, tile.part);
         // A tile that collapses to a point or a line shows nothing.

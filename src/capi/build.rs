@@ -21,8 +21,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 /// A model under construction. Add meshes, then call oc_build_start to write the model file.
 ///
 /// A part is identified by the caller's own 64-bit id. The primitive id of a triangle is its index in the input: first
-/// the pushed triangles in the order pushed, then those of the files in the order added. With OC_STRUCTURE_PATCH that of
-/// a surface is its face.
+/// the pushed triangles in the order pushed, then those of the files in the order added. With OC_STRUCTURE_PATCH that
+/// of a surface is its face.
 pub struct oc_build {
     _private: [u8; 0],
 }

@@ -19,8 +19,8 @@ pub const OC_BUFFER_DEPTH: oc_buffer = 2;
 pub const OC_BUFFER_NORMAL: oc_buffer = 3;
 /// 1 uint64_t: id of the part. Miss: OC_NO_ID.
 pub const OC_BUFFER_PART: oc_buffer = 4;
-/// 1 uint64_t: as oc_hit.prim. OC_NO_ID for a miss, for a stand-in, and in early pictures for a triangle whose id is not
-/// read yet.
+/// 1 uint64_t: as oc_hit.prim. OC_NO_ID for a miss, for a stand-in, and in early pictures for a triangle whose id is
+/// not read yet.
 pub const OC_BUFFER_PRIM: oc_buffer = 5;
 /// 1 uint64_t: id of the instance. Miss: OC_NO_ID.
 pub const OC_BUFFER_INSTANCE: oc_buffer = 6;

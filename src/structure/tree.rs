@@ -366,8 +366,8 @@ impl<'a> Tree<'a> {
     }
 
     /// Returns the primitive id of the face that a hit lies on, and its parameters (u, v) there, from 0 to 1: those of
-    /// the middle of a stand-in. `hit.u` and `hit.v` are the weights of a triangle's corners. `None` for triangles that are no surfaces,
-    /// for stand-ins of several faces, and if a block has left the snapshot.
+    /// the middle of a stand-in. `hit.u` and `hit.v` are the weights of a triangle's corners. `None` for triangles that
+    /// are no surfaces, for stand-ins of several faces, and if a block has left the snapshot.
     pub fn parameters(&self, hit: &TriHit) -> Option<(u32, [f32; 2])> {
         match &self.blocks {
             Blocks::Patch(own) => own.parameters(hit),

@@ -92,12 +92,30 @@ fn cages_are_built_described_and_checked() {
     let each = number(&fine["bytes_trace"]) / number(&fine["triangles_kept"]);
     assert!(each > 6.0 && each < 10.0, "{each} bytes for each triangle");
 
+    // Neighbours of different levels meet in triangles: none is dropped, and errors include the tolerance.
+    let both = build(dir, &["cube.obj"], &["--tolerance", "0.01"]);
+    assert_eq!(both[0]["triangles_kept"], both[1]["triangles_kept"]);
+    for said in &both {
+        assert_eq!(
+            (&said["triangles_in"], &said["dropped"]["degenerate"]),
+            (&said["triangles_kept"], &0.into()),
+            "{said}"
+        );
+    }
+    let errors = both.each_ref().map(|said| number(&said["position_error"]));
+    assert!(errors[0] < 1e-6 && errors[1] > 0.01 && errors[1] < 0.0101, "{errors:?}");
+    build(dir, &["cube.obj"], &["--level", LEVEL]);
+
     // The same file at any number of threads.
     json(
         dir,
         &["build", "cube.obj", "--subdivide", "--structure", "patch", "--level", LEVEL, "--threads", "1", "-o", "1.oc"],
     );
     assert!(fs::read(dir.join("1.oc")).unwrap() == fs::read(dir.join("patch.oc")).unwrap());
+    let most = (TRIANGLES - 1).to_string();
+    let limited =
+        ["build", "cube.obj", "--subdivide", "--structure", "patch", "--level", LEVEL, "--max-triangles", &most];
+    fails(dir, &[&limited[..], &["-o", "no.oc"]].concat(), 1, "max_triangles");
     fails(dir, &["build", "cube.obj", "--structure", "grid", "-o", "no.oc"], 2, "patch");
     assert!(!names(dir).contains(&"no.oc".to_string()));
 }

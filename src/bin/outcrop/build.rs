@@ -19,8 +19,8 @@ pub struct Args {
     /// The model file to write: a regular file or a new one, and none of the inputs
     #[arg(short, long, value_name = "OUT.oc")]
     output: PathBuf,
-    /// The acceleration structure. With patch smooth surfaces are kept as grids, and the primitive ids of hits on them are
-    /// faces
+    /// The acceleration structure. With patch smooth surfaces are kept as grids, and the primitive ids of hits on them
+    /// are faces
     #[arg(long, default_value = "bvh", value_parser = common::one_of(Structure::ALL, Structure::name))]
     structure: Structure,
     /// Bytes of memory that the build may use, with suffix K, M, G or T, at least 32M; data beyond that goes to

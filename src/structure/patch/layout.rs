@@ -431,7 +431,8 @@ impl Grid<'_> {
         })
     }
 
-    /// Where a point of a triangle of [`tri_of`] is in the grid's square, by the weights of its second and third corner.
+    /// Where a point of a triangle of [`tri_of`] is in the grid's square, by the weights of its second and third
+    /// corner.
     pub fn at(&self, tri: u32, [second, third]: [f32; 2]) -> Option<[f32; 2]> {
         let corners = self.corners(tri)?.map(|at| [at % self.side, at / self.side].map(|x| x as f32));
         let [a, b, c] = corners;
