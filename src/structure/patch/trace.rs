@@ -535,3 +535,7 @@ pub(super) fn planes_of(frame: &Frame, level: u32, number: usize) -> Planes {
 fn planes_of_bounds(b: &Bounds) -> Planes {
     [b.min.x, b.min.y, b.min.z, b.max.x, b.max.y, b.max.z]
 }
+
+#[cfg(test)]
+#[path = "trace_tests.rs"]
+mod tests;
