@@ -57,7 +57,9 @@ impl Tree {
         let (mut fine, mut leaves, mut cells) = (Vec::new(), Vec::new(), Vec::new());
         for plan in full {
             let ([of_frames, of_grids], cell, _) = encode(plan);
-            (fine.push(words(&of_frames)), leaves.push(words(&of_grids)), cells.push(cell));
+            fine.push(words(&of_frames));
+            leaves.push(words(&of_grids));
+            cells.push(cell);
         }
         let upper = Upper::over(cells);
         let leaves_at = fine.len() as u32;
