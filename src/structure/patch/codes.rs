@@ -17,6 +17,8 @@
 
 #![allow(clippy::needless_range_loop)] // children and planes index several arrays at once
 
+use crate::simd::{Lanes, Simd};
+
 /// Planes of a box: low x, y, z, then high x, y, z.
 pub type Planes = [f32; 6];
 
@@ -81,6 +83,45 @@ pub fn children(word: u32, node: &Planes) -> [[f32; 4]; 6] {
         out[5][child] = between(low, high, interval[1]);
     }
     out
+}
+
+/// The boxes of the four children in the form in which rays meet them.
+pub struct Slabs {
+    /// Planes along x: low and high of the lower half, low and high of the upper half; then along y.
+    pub across: [f32; 8],
+    /// Low planes along z of the children, then their high planes.
+    pub along: [f32; 8],
+}
+
+impl Slabs {
+    /// Decodes the word of a node with box `node`; to the bit as [`children`].
+    #[inline(always)]
+    pub fn of<S: Simd>(s: S, word: u32, node: &Planes) -> Self {
+        // No closures here: they are compiled without the instruction set.
+        let (mut across, mut along) = ([0.0; 8], [0.0; 8]);
+        for plane in 0..8 {
+            across[plane] = SHARES[plane & 3][(word >> (3 * plane) & 7) as usize];
+        }
+        for child in 0..4 {
+            let interval = INTERVALS[(word >> (24 + 2 * child) & 3) as usize];
+            (along[child], along[child + 4]) = (interval[0], interval[1]);
+        }
+        let one = s.splat8(1.0);
+        let (across, along) = (s.load8(&across), s.load8(&along));
+        let low = s.load8(&[node[0], node[0], node[0], node[0], node[1], node[1], node[1], node[1]]);
+        let high = s.load8(&[node[3], node[3], node[3], node[3], node[4], node[4], node[4], node[4]]);
+        let across = low * (one - across) + high * across;
+        let along = s.splat8(node[2]) * (one - along) + s.splat8(node[5]) * along;
+        Self { across: across.to_array(), along: along.to_array() }
+    }
+
+    /// The box of a child.
+    #[inline(always)]
+    pub fn child(&self, which: usize) -> Planes {
+        let (x, y, z) = (2 * (which & 1), 4 + (which & 2), which & 3);
+        let (across, along) = (&self.across, &self.along);
+        [across[x], across[y], along[z], across[x + 1], across[y + 1], along[z + 4]]
+    }
 }
 
 /// One column of [`children`].
@@ -153,6 +194,28 @@ mod tests {
                     // No child reaches beyond its node.
                     prop_assert!(found[axis][child] >= node[axis] && found[axis + 3][child] <= node[axis + 3]);
                 }
+            }
+        }
+    }
+
+    struct Decode(u32, Planes);
+
+    impl crate::simd::Op for Decode {
+        type Out = [Planes; 4];
+        fn run<S: Simd>(self, s: S) -> [Planes; 4] {
+            let slabs = Slabs::of(s, self.0, &self.1);
+            [0, 1, 2, 3].map(|which| slabs.child(which))
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn slabs_are_the_boxes_of_the_children(word: u32, planes in prop::array::uniform6(-2.0f32..2.0)) {
+            let boxes = children(word, &planes);
+            let expected = [0, 1, 2, 3].map(|which| child(&boxes, which));
+            for isa in crate::simd::Isa::ALL {
+                let found = crate::simd::dispatch(isa, Decode(word, planes));
+                prop_assert_eq!(found.map(|b| b.map(f32::to_bits)), expected.map(|b| b.map(f32::to_bits)));
             }
         }
     }

@@ -22,11 +22,11 @@ pub struct Found {
 
 /// For each corner the vertex of each triangle, of three rows of three. Triangle `4 j + 2 i` is the first of cell
 /// (i, j), triangle `4 j + 2 i + 1` the second.
-pub const CORNERS: [[usize; 8]; 3] = {
+pub const CORNERS: [[u8; 8]; 3] = {
     let mut corners = [[0; 8]; 3];
     let mut cell = 0;
     while cell < 4 {
-        let at = 3 * (cell >> 1) + (cell & 1);
+        let at = (3 * (cell >> 1) + (cell & 1)) as u8;
         let (first, second) = ([at, at + 1, at + 4], [at, at + 4, at + 3]);
         let mut corner = 0;
         while corner < 3 {
@@ -49,7 +49,7 @@ pub fn eight<S: Simd>(s: S, ray: &Prepared, grid: &Grid, number: usize, t_max: f
     // A leaf beyond the grid, which only a malformed file has, is never hit.
     let is_there = 2 * i + 2 < grid.side && 2 * j + 2 < grid.side;
     // No closures here: they are compiled without the instruction set.
-    let mut nine = [[0.0f32; 9]; 3];
+    let mut nine = [[0.0f32; 16]; 3];
     if is_there {
         for row in 0..3 {
             let words = &grid.vertices[at + 3 * row * grid.side..][..9];
@@ -62,14 +62,12 @@ pub fn eight<S: Simd>(s: S, ray: &Prepared, grid: &Grid, number: usize, t_max: f
     }
     let by = [s.splat8(by[0]), s.splat8(by[1]), s.splat8(by[2])];
     let mut corners = [Sheared { x: zero, y: zero, z: zero }; 3];
+    let tables = [s.table16(&nine[0]), s.table16(&nine[1]), s.table16(&nine[2])];
     for (corner, sheared) in corners.iter_mut().enumerate() {
+        let index = s.index8(&CORNERS[corner]);
         let mut p = [zero; 3];
         for axis in 0..3 {
-            let mut lanes = [0.0; 8];
-            for lane in 0..8 {
-                lanes[lane] = nine[axis][CORNERS[corner][lane]];
-            }
-            p[axis] = s.load8(&lanes) - s.splat8(ray.org[k[axis]]);
+            p[axis] = s.lookup16(tables[axis], index) - s.splat8(ray.org[k[axis]]);
         }
         *sheared = shear(p, by);
     }

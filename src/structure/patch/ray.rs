@@ -1,6 +1,6 @@
 //! A ray prepared for boxes and triangles of a tree, and in the system of a frame.
 
-use super::codes::Planes;
+use super::codes::{Planes, Slabs};
 use super::layout::Frame;
 use crate::geom::Shear;
 use crate::math::Cone;
@@ -87,42 +87,55 @@ impl<'a> Prepared<'a> {
 ///
 /// The origin of the system's ray is where the ray enters the frame's surroundings, computed in double precision: so
 /// its coordinates are small, and rounding moves planes by a few parts in 2^24 of the frame at most.
-pub struct FrameRay {
+pub struct FrameRay<S: Simd> {
     org: [f32; 3],
     inv: [f32; 3],
     slack: [f32; 3],
+    /// Origin, reciprocal direction and tolerance of the planes of [`Slabs::across`] and of [`Slabs::along`].
+    across: [S::F8; 3],
+    along: [S::F8; 3],
     /// For each axis, the area of the unit square across it, as the ray sees it, times the direction's length.
     faces: [f32; 3],
 }
 
-impl FrameRay {
+impl<S: Simd> FrameRay<S> {
     /// The ray in a frame that it enters at `from` or behind.
     #[inline(always)]
-    pub fn new(ray: &Prepared, frame: &Frame, from: f32) -> Self {
+    pub fn new(s: S, ray: &Prepared, frame: &Frame, from: f32) -> Self {
         let (map, centre) = (frame.map(), frame.centre().as_dvec3());
         let linear = map.as_dmat3();
         let LocalRay { org, dir, .. } = ray.ray;
         let at = org.as_dvec3() + dir.as_dvec3() * f64::from(from) - centre;
         let (org, dir) = ((linear * at).as_vec3(), (linear * dir.as_dvec3()).as_vec3());
         let inv = reciprocal(dir);
-        let slack = (org.abs().max(Vec3::ONE) * SLACK).copysign(inv);
+        let slack = org.abs().max(Vec3::ONE) * SLACK;
         // The cross product of two columns of the inverse is a row of the map over its determinant.
         let faces = if ray.is_lod { (dir.abs().as_dvec3() / linear.determinant().abs()).as_vec3() } else { Vec3::ZERO };
-        Self { org: org.to_array(), inv: inv.to_array(), slack: slack.to_array(), faces: faces.to_array() }
+        let (x, y, z) = (slack.x, slack.y, slack.z);
+        let two = |a: f32, b: f32| [a, a, a, a, b, b, b, b];
+        Self {
+            across: [s.load8(&two(org.x, org.y)), s.load8(&two(inv.x, inv.y)), s.load8(&[-x, x, -x, x, -y, y, -y, y])],
+            along: [s.splat8(org.z), s.splat8(inv.z), s.load8(&two(-z, z))],
+            org: org.to_array(),
+            inv: inv.to_array(),
+            slack: slack.to_array(),
+            faces: faces.to_array(),
+        }
     }
 
-    /// Distances at which the ray enters and leaves four boxes.
+    /// Distances at which the ray enters and leaves the boxes of four children. Low planes are lowered and high ones
+    /// raised by the tolerance; which of both comes first depends on the direction.
     #[inline(always)]
-    pub fn four(&self, boxes: &[[f32; 4]; 6]) -> [[f32; 4]; 2] {
-        let (mut enter, mut leave) = ([f32::NEG_INFINITY; 4], [f32::INFINITY; 4]);
-        for axis in 0..3 {
-            let (org, inv, slack) = (self.org[axis], self.inv[axis], self.slack[axis]);
-            let is_positive = inv >= 0.0;
-            let (near, far) = if is_positive { (axis, axis + 3) } else { (axis + 3, axis) };
-            for i in 0..4 {
-                enter[i] = enter[i].max((boxes[near][i] - slack - org) * inv);
-                leave[i] = leave[i].min((boxes[far][i] + slack - org) * inv);
-            }
+    pub fn four(&self, s: S, slabs: &Slabs) -> [[f32; 4]; 2] {
+        let [org, inv, slack] = self.across;
+        let t = ((s.load8(&slabs.across) + slack - org) * inv).to_array();
+        let [org, inv, slack] = self.along;
+        let z = ((s.load8(&slabs.along) + slack - org) * inv).to_array();
+        let (mut enter, mut leave) = ([0.0f32; 4], [0.0f32; 4]);
+        for i in 0..4 {
+            let (x, y) = (2 * (i & 1), 4 + (i & 2));
+            enter[i] = t[x].min(t[x + 1]).max(t[y].min(t[y + 1])).max(z[i].min(z[i + 4]));
+            leave[i] = t[x].max(t[x + 1]).min(t[y].max(t[y + 1])).min(z[i].max(z[i + 4]));
         }
         [enter, leave]
     }
@@ -130,9 +143,13 @@ impl FrameRay {
     /// The same of one box.
     #[inline(always)]
     pub fn one(&self, planes: &Planes) -> [f32; 2] {
-        let [a, b, c, d, e, f] = *planes;
-        let [enter, leave] = self.four(&[[a; 4], [b; 4], [c; 4], [d; 4], [e; 4], [f; 4]]);
-        [enter[0], leave[0]]
+        let (mut enter, mut leave) = (f32::NEG_INFINITY, f32::INFINITY);
+        for axis in 0..3 {
+            let (org, inv, slack) = (self.org[axis], self.inv[axis], self.slack[axis]);
+            let (a, b) = ((planes[axis] - slack - org) * inv, (planes[axis + 3] + slack - org) * inv);
+            (enter, leave) = (enter.max(a.min(b)), leave.min(a.max(b)));
+        }
+        [enter, leave]
     }
 
     /// Area of a box as the ray sees it, times the direction's length.

@@ -216,6 +216,6 @@ fn fill(grid: &Grid, (number, leaf): (usize, usize), rows: &mut Rows) {
     };
     for which in 0..COLUMNS {
         let from = if is_whole(&which) { which } else { first };
-        (0..3).for_each(|corner| rows.corners[corner][which] = super::leaf::CORNERS[corner][from] as u8);
+        (0..3).for_each(|corner| rows.corners[corner][which] = super::leaf::CORNERS[corner][from]);
     }
 }

@@ -5,7 +5,7 @@
 //! another structure to the bit. A cell that stands in is the box of a node's child, or a box of a frame's quadtree;
 //! stand-ins stop all rays.
 
-use super::codes::{Planes, child, children};
+use super::codes::{Planes, Slabs, child, children};
 use super::layout::{Block, Child, Frame, Grids, Node, ROOT, grid_of, tree_words, tri_of};
 use super::leaf::eight;
 use super::ray::{FrameRay, Prepared};
@@ -79,20 +79,22 @@ impl<const ANY: bool> Op for Single<'_, '_, ANY> {
     fn run<S: Simd>(self, s: S) -> Outcome {
         let Self { view, filter, walk } = self;
         let ray = Prepared::new(walk.ray, view.max_coord, filter);
-        let mut last = u32::MAX;
+        let mut open = [Open { enter: 0.0, level: 0, number: 0, planes: ROOT }; OPEN];
+        let (mut last, mut block) = (u32::MAX, Block(&[]));
         while let Some(entry) = walk.stack.pop() {
             // An entry at the distance of the best hit is visited, because a triangle at an equal distance wins if its
             // primitive id is lower.
             if entry.t > walk.best.t || view.visit.shown.is_some_and(|shown| shown.lacks(entry.block)) {
                 continue;
             }
-            let Some(words) = view.visited(entry.block) else {
-                walk.stack.push(entry);
-                return Outcome::Pending(BlockId(entry.block));
-            };
-            walk.counters.blocks += u64::from(entry.block != last);
-            last = entry.block;
-            let block = Block(words);
+            if entry.block != last {
+                let Some(words) = view.visited(entry.block) else {
+                    walk.stack.push(entry);
+                    return Outcome::Pending(BlockId(entry.block));
+                };
+                walk.counters.blocks += 1;
+                (last, block) = (entry.block, Block(words));
+            }
             let frame = match Child::from_bits(entry.child) {
                 Child::Frame(at) => block.frame(at).map(|frame| (at, frame)),
                 Child::None => {
@@ -106,7 +108,8 @@ impl<const ANY: bool> Op for Single<'_, '_, ANY> {
                 Child::Block(_) => None,
             };
             if let Some(frame) = frame
-                && let Err(missing) = view.frame::<S, ANY>(s, &ray, frame, (entry.block, entry.t), walk)
+                && let Err(missing) =
+                    view.frame::<S, ANY>(s, &ray, frame, (entry.block, entry.t), (&mut open, &mut *walk))
             {
                 walk.stack.push(entry);
                 return Outcome::Pending(missing);
@@ -200,6 +203,8 @@ impl<'a> TreeView<'a> {
         walk.counters.nodes += 1;
         let (met, enter) = ray.boxes(s, node.rows(), walk.best.t);
         let bottom = walk.stack.len();
+        // Without cells there is nothing to judge.
+        let has_cells = ray.is_lod || self.visit.accept_missing;
         for slot in bits(met) {
             let (to, below) = match node.child(slot) {
                 Child::None => continue,
@@ -210,7 +215,7 @@ impl<'a> TreeView<'a> {
             if enter[slot] > walk.best.t {
                 continue;
             }
-            if let Some(voxel) = block.voxel(&node, slot) {
+            if let Some(voxel) = if has_cells { block.voxel(&node, slot) } else { None } {
                 let bounds = node.bounds(slot);
                 let planes = planes_of_bounds(&bounds);
                 let parts = Parts { words: voxel.0[3], summary: voxel.0[4] };
@@ -235,21 +240,20 @@ impl<'a> TreeView<'a> {
         ray: &Prepared,
         (at, frame): (usize, Frame),
         (id, from): (u32, f32),
-        walk: &mut Walk,
+        (open, walk): (&mut [Open; OPEN], &mut Walk),
     ) -> Result<(), BlockId> {
         let (part, levels) = (frame.part(), frame.levels());
         if ray.filter.is_some_and(|filter| filter.hides(part)) {
             return Ok(());
         }
         let parts = Parts { words: part, summary: u32::MAX };
-        let local = FrameRay::new(ray, &frame, from);
+        let local = FrameRay::new(s, ray, &frame, from);
         let lacks_grids = self.visit.accept_missing && self.words(id + self.leaves_at).is_none();
         // Without cells there is nothing to judge.
         let has_cells = ray.is_lod || lacks_grids;
         let here = InFrame { ray, local: &local, from, parts, at, block: id, lacks_grids, levels };
-        let mut open = [Open { enter: 0.0, level: 0, number: 0, planes: ROOT }; OPEN];
         let [enter, leave] = local.one(&ROOT);
-        open[0].enter = enter;
+        open[0] = Open { enter, level: 0, number: 0, planes: ROOT };
         let is_met = enter <= leave.min(here.end(walk)) && leave + from >= ray.ray.t_min;
         if !is_met || has_cells && here.settles::<ANY>(&open[0], leave, walk) {
             return Ok(());
@@ -270,16 +274,15 @@ impl<'a> TreeView<'a> {
             }
             walk.counters.nodes += 1;
             let Some(word) = frame.tree.get(tree_words(level) + number) else { continue };
-            let boxes = children(*word, &planes);
-            let [enter, leave] = local.four(&boxes);
+            let slabs = Slabs::of(s, *word, &planes);
+            let [enter, leave] = local.four(s, &slabs);
             let bottom = count;
             for i in 0..4 {
                 let is_met = enter[i] <= leave[i].min(here.end(walk)) && leave[i] + from >= ray.ray.t_min;
                 if !is_met {
                     continue;
                 }
-                let below =
-                    Open { enter: enter[i], level: level + 1, number: 4 * number + i, planes: child(&boxes, i) };
+                let below = Open { enter: enter[i], level: level + 1, number: 4 * number + i, planes: slabs.child(i) };
                 if has_cells && here.settles::<ANY>(&below, leave[i], walk) {
                     if ANY && walk.best.is_hit() {
                         return Ok(());
@@ -403,9 +406,9 @@ impl<'a> TreeView<'a> {
 }
 
 /// A ray in a frame.
-struct InFrame<'a> {
+struct InFrame<'a, S: Simd> {
     ray: &'a Prepared<'a>,
-    local: &'a FrameRay,
+    local: &'a FrameRay<S>,
     /// Distance at which it enters.
     from: f32,
     parts: Parts,
@@ -416,7 +419,7 @@ struct InFrame<'a> {
     levels: u32,
 }
 
-impl InFrame<'_> {
+impl<S: Simd> InFrame<'_, S> {
     /// The end of the ray in the distances of the frame, and some roundings.
     #[inline(always)]
     fn end(&self, walk: &Walk) -> f32 {
