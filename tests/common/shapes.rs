@@ -64,12 +64,12 @@ impl Shape {
         self.holes.is_empty() && edges.iter().all(is_one)
     }
 
-    /// The limit surface as small triangles.
+    /// The limit surface as small triangles, without that of holes.
     pub fn fine(&self) -> Vec<[DVec3; 3]> {
         const SIDE: usize = 48;
         let (cage, mut all) = (self.cage(), Vec::new());
         let surface = CagePatches::new(&cage, &self.points).expect("a surface");
-        for face in 0..cage.face_count() as u32 {
+        for face in (0..cage.face_count() as u32).filter(|face| !cage.is_hole(*face)) {
             for corner in 0..cage.quads_of(face) {
                 let share = |i: usize| i as f64 / SIDE as f64;
                 let at = |i: usize, j: usize| surface.evaluate(face, corner, share(i), share(j)).position;
