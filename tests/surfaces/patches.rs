@@ -12,7 +12,7 @@ use glam::DVec3;
 use outcrop::base::progress::Cancel;
 use outcrop::build::{BuildOptions, BuildReport, Builder, Structure};
 use outcrop::geom::surface::cage::CagePatches;
-use outcrop::geom::surface::dice::Quads;
+use outcrop::geom::surface::dice::{Dicer, Quads};
 use outcrop::import::surfaces::{CageMesh, Dicing, Displacement, Heights, NurbsMesh, Wrap};
 use outcrop::import::{Attributes, MeshKey, PartDesc, Sink};
 use outcrop::math::{Cone, Ray};
@@ -234,5 +234,29 @@ fn hits_have_the_parameters_of_their_faces() {
         let quads = mesh.quads(&surface);
         let at = |face: u64, [u, v]: [f32; 2]| quads.sample(face as usize, u.into(), v.into()).position;
         check_parameters("torus", &shape.points, &|builder| nurbs(builder, &shape, is_reversed), &at);
+    }
+}
+
+/// Displacements that jump at a vertex, where the normal has no limit, do not make all of a face as fine as can be.
+#[test]
+fn jumps_at_vertices_do_not_explode() {
+    for name in ["cube_creases", "cube_corners", "spike"] {
+        let shape = own().into_iter().find(|it| it.name == name).expect("a shape");
+        let mut rng = Rng::new(3);
+        let texels = (0..256).map(|_| if rng.unit() < 0.5 { -1.0 } else { 1.0 }).collect();
+        let heights = Heights::new([16, 16], 1, [Wrap::Repeat; 2], texels).expect("heights");
+        let at = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
+        let coordinates: Vec<[f64; 2]> = (0..shape.indices.len()).map(|i| at[i % 4]).collect();
+        let scale = 0.1 * shape.extent();
+        let displacement = Displacement { heights: &heights, scale, coordinates: &coordinates };
+        let tolerance = Dicing::Tolerance(4e-3 * shape.extent());
+        let mesh =
+            CageMesh { desc: shape.desc(), positions: &shape.points, parts: &[0], displacement: Some(displacement) };
+        let cage = mesh.checked().expect("a cage");
+        let quads = mesh.quads(&cage).expect("quads");
+        let dicer = Dicer::new(&quads, tolerance, &Cancel::new()).expect("edges");
+        let most = (0..quads.count()).map(|quad| dicer.level(quad)).max();
+        println!("{name}: level {most:?}");
+        assert!(most.is_some_and(|most| (3..=8).contains(&most)), "{name}: level {most:?}");
     }
 }

@@ -10,19 +10,58 @@ const SHARE: f64 = 0.7;
 /// Greatest number of cells along a side of a smooth quad that are looked at, of each level.
 const CELLS: usize = 8;
 
+/// Cells from an end of an edge, or from a corner of a quad along both sides, that may be hopeless.
+const RING: usize = 8;
+/// The lowest level at which that is decided: there are other cells too, and they see a displacement.
+const DECIDED: u32 = 6;
+
+/// Cells near the ends of an edge or the corners of a quad that are too far off, counted level by level. At a vertex
+/// where the normal has no limit a displacement jumps: around it about as many cells are off at each level, and none
+/// helps.
+struct Ends<const N: usize> {
+    before: [usize; N],
+}
+
+impl<const N: usize> Ends<N> {
+    fn new() -> Self {
+        Self { before: [usize::MAX; N] }
+    }
+
+    /// True if none is off at a level, or more than half as many as before: a level takes four times as many cells.
+    fn are_done(&mut self, level: u32, now: [usize; N]) -> bool {
+        let is_done = |(now, before): (&usize, &usize)| *now == 0 || level > DECIDED && *now > before / 2;
+        let are_done = now.iter().zip(&self.before).all(is_done);
+        self.before = now;
+        are_done
+    }
+}
+
+/// True if a cell of `count` is near the first or the last.
+fn is_near_end(cell: usize, count: usize) -> bool {
+    let ring = RING.min(count / 4).max(1);
+    cell < ring || cell + ring >= count
+}
+
 /// The level of an edge, `least` or more, by points along it at parameters from 0 to 1.
 pub fn of_edge(at: &dyn Fn(f64) -> DVec3, least: u32, dicing: Dicing) -> u32 {
     let most = match dicing {
         Dicing::Level(level) => return level,
         Dicing::Tolerance(tolerance) => tolerance * SHARE,
     };
-    let is_near = |level: u32| {
+    let mut ends = Ends::<2>::new();
+    let mut is_near = |level: u32| {
         let count = 1usize << level;
         let place = |i: usize| i as f64 / (4 * count) as f64;
-        (0..count).all(|i| {
+        let is_off = |i: usize| {
             let [from, to] = [at(place(4 * i)), at(place(4 * i + 4))];
-            (1..4).all(|j| is_within(at(place(4 * i + j)), &[from, from, to], most))
-        })
+            !(1..4).all(|j| is_within(at(place(4 * i + j)), &[from, from, to], most))
+        };
+        if (0..count).any(|i| !is_near_end(i, count) && is_off(i)) {
+            return false;
+        }
+        let mut off = [0; 2];
+        (0..count).filter(|i| is_near_end(*i, count) && is_off(*i)).for_each(|i| off[2 * i / count] += 1);
+        ends.are_done(level, off)
     };
     (least..MOST_LEVEL).find(|level| is_near(*level)).unwrap_or(MOST_LEVEL)
 }
@@ -36,7 +75,8 @@ pub fn of_quad<Q: Quads>(surface: &Q, quad: usize, least: u32, dicing: Dicing) -
     let least = least.max(surface.least_level(quad));
     let sample = surface.sampler(quad);
     let at = |u: f64, v: f64| sample(u, v).position;
-    let is_near = |level: u32| {
+    let mut corners = Ends::<4>::new();
+    let mut is_near = |level: u32| {
         let count = 1usize << level;
         let looked = if surface.is_rough() { count } else { count.min(CELLS) };
         // The first and the last cell, and some between them that are not the same in each row.
@@ -47,10 +87,16 @@ pub fn of_quad<Q: Quads>(surface: &Q, quad: usize, least: u32, dicing: Dicing) -
             k => (k * count + row * count / looked) / looked,
         };
         let size = 1.0 / count as f64;
-        (0..looked).all(|row| {
-            let j = cell(row, 0);
-            (0..looked).all(|k| is_cell_near(&at, [cell(k, row), j].map(|it| it as f64 * size), size, most))
-        })
+        let cells = || (0..looked).flat_map(|row| (0..looked).map(move |k| [cell(k, row), cell(row, 0)]));
+        let is_off = |[i, j]: [usize; 2]| !is_cell_near(&at, [i as f64 * size, j as f64 * size], size, most);
+        let is_at_corner = |[i, j]: [usize; 2]| is_near_end(i, count) && is_near_end(j, count);
+        if cells().any(|cell| !is_at_corner(cell) && is_off(cell)) {
+            return false;
+        }
+        let mut off = [0; 4];
+        let at_corners = cells().filter(|cell| is_at_corner(*cell) && is_off(*cell));
+        at_corners.for_each(|[i, j]| off[2 * i / count + 2 * (2 * j / count)] += 1);
+        corners.are_done(level, off)
     };
     (least..MOST_LEVEL).find(|level| is_near(*level)).unwrap_or(MOST_LEVEL)
 }
