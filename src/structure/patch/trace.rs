@@ -389,9 +389,12 @@ impl<'a> TreeView<'a> {
         let of_grid = |tri: u32| {
             let grid = Grids(words).grid(grid_of(tri))?;
             let first = grid.head[3] as usize;
-            let mut normals = [Vec3::ZERO; 3];
+            let [a, b, c] = grid.triangle(tri)?;
+            let own = (b - a).cross(c - a).normalize_or(Vec3::Z);
+            let mut normals = [own; 3];
             for (normal, corner) in normals.iter_mut().zip(grid.corners(tri)?) {
-                *normal = octahedral::decode(*codes.get(first + corner)?);
+                let code = *codes.get(first + corner)?;
+                *normal = if code < 2 { own } else { octahedral::decode(code) };
             }
             Some(normals)
         };

@@ -191,7 +191,9 @@ pub fn build(tile: &Tile) -> BuiltFrame {
     let (system, levels) = (System::of(tile), tile.level - 1);
     let second = cell_of(tile);
     let words = words_of(tile, &system, levels, second.second());
-    let normals: Vec<u32> = tile.normals.iter().map(|n| octahedral::encode(n.normalize_or(Vec3::Z))).collect();
+    // 0 stands for the normal of the triangle.
+    let code = |n: &Vec3| n.try_normalize().map_or(0, octahedral::encode);
+    let normals: Vec<u32> = tile.normals.iter().map(code).collect();
     let mut grid = vec![tile.part, tile.face, tile.level, 0];
     grid.extend(tile.positions.iter().flat_map(|p| p.to_array().map(f32::to_bits)));
     let triangles = tile.triangles().count() as u64;
@@ -205,7 +207,8 @@ fn words_of(tile: &Tile, system: &System, levels: u32, second: u32) -> Vec<u32> 
     let ([level, column, row], turned) = (tile.place, if tile.is_turned { TURNED << 28 } else { 0 });
     words.extend([tile.part, tile.face, levels, level | column << 4 | row << 16 | turned, tile.corner]);
     let last = tile.side() - 1;
-    let normal = |i: usize, j: usize| coded_normal(tile.normals[j * tile.side() + i].normalize_or(Vec3::Z));
+    let mean = tile.normals.iter().sum::<Vec3>().normalize_or(Vec3::Z);
+    let normal = |i: usize, j: usize| coded_normal(tile.normals[j * tile.side() + i].normalize_or(mean));
     words.extend([normal(0, 0) | normal(last, 0) << 16, normal(0, last) | normal(last, last) << 16, second]);
     debug_assert_eq!(words.len(), FRAME_WORDS);
     words.extend(tree_of(tile, system, levels));
