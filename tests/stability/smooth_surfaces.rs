@@ -17,6 +17,10 @@ use outcrop::import::{MeshKey, PartDesc, Sink};
 
 const SIZE: (u32, u32) = (96, 72);
 
+fn setting() -> Setting {
+    Setting { size: SIZE, is_compact: true, ..Setting::default() }
+}
+
 fn cage(structure: Structure, shape: &Shape, displacement: Option<Displacement>, tolerance: f64) -> Built {
     let options = BuildOptions { structure, dicing: Some(Dicing::Tolerance(tolerance)), ..built::options() };
     let fill = |builder: &mut outcrop::build::Builder| {
@@ -39,7 +43,7 @@ fn nurbs(structure: Structure, shape: &Nurbs, tolerance: f64) -> Built {
 
 /// From inside a closed surface all pixels show it, in six directions, at all pixels of error.
 fn check_closed(name: &str, built: &Built, eye: DVec3) {
-    let stage = Stage::new(&built.path, Setting { size: SIZE, ..Setting::default() });
+    let stage = Stage::new(&built.path, setting());
     // Off the axes, or rays would all lie in planes of symmetry.
     let turn = glam::DQuat::from_euler(glam::EulerRot::XYZ, 0.1, 0.2, 0.3);
     let mut through = [0.0f64; POE.len()];
@@ -62,7 +66,7 @@ fn check_open(name: &str, built: &Built, surface: Vec<[DVec3; 3]>) -> usize {
     let high = corners().fold(DVec3::NEG_INFINITY, |a, &p| a.max(p));
     let (middle, size) = ((low + high) / 2.0, (high - low).length());
     let oracle = Bvh64::new(surface);
-    let stage = Stage::new(&built.path, Setting { size: SIZE, ..Setting::default() });
+    let stage = Stage::new(&built.path, setting());
     let (mut holes, mut stand_ins) = ([0.0f64; POE.len()], 0);
     for towards in [DVec3::new(1.0, 0.7, 0.9), DVec3::new(-0.4, 1.0, 0.6), DVec3::new(0.5, -0.8, -1.0)] {
         let camera = perspective(middle + 1.5 * size * towards.normalize(), middle);
