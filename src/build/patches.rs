@@ -190,11 +190,6 @@ fn works<Q: Quads>(quads: &Q, bounds: &DBounds, levels: &[u32]) -> Vec<Work> {
     works
 }
 
-/// Column and row of a tile of a quad, by its number along a curve: bits of both in turn.
-fn of_curve(number: usize) -> (usize, usize) {
-    (0..8).fold((0, 0), |(i, j), bit| (i | (number >> (2 * bit) & 1) << bit, j | (number >> (2 * bit + 1) & 1) << bit))
-}
-
 /// Makes tiles.
 struct Maker<'a, Q> {
     dicer: &'a Dicer<'a, Q>,
@@ -212,7 +207,7 @@ impl<Q: Quads> Maker<'_, Q> {
         let home = (self.home)(work.quad);
         let face = self.first_face + home.face;
         for number in work.tiles.clone() {
-            let (i, j) = of_curve(number);
+            let (i, j) = bake::of_morton(number);
             self.dicer.tile(work.quad, work.level, level, i as u32, j as u32, &mut samples);
             let above = work.level - level;
             let place =

@@ -37,6 +37,8 @@ pub struct OwnedCage {
     positions: Vec<DVec3>,
     parts: Vec<u32>,
     displacement: Option<(Arc<Heights>, f64, Vec<[f64; 2]>)>,
+    /// Bytes of the heights, if the surface before has others.
+    heights: u64,
 }
 
 /// See [`NurbsMesh`].
@@ -59,10 +61,14 @@ impl OwnedCage {
     pub fn of(mesh: &CageMesh, last: &mut Option<Arc<Heights>>) -> Result<Self> {
         mesh.quads(&mesh.checked()?).map(drop)?;
         let desc = &mesh.desc;
+        let mut bytes = 0;
         let displacement = mesh.displacement.map(|it| {
             let heights = match last.take() {
                 Some(same) if *same == *it.heights => same,
-                _ => Arc::new(it.heights.clone()),
+                _ => {
+                    bytes = it.heights.bytes();
+                    Arc::new(it.heights.clone())
+                }
             };
             *last = Some(heights.clone());
             (heights, it.scale, it.coordinates.to_vec())
@@ -77,6 +83,7 @@ impl OwnedCage {
             positions: mesh.positions.to_vec(),
             parts: mesh.parts.to_vec(),
             displacement,
+            heights: bytes,
         })
     }
 
@@ -168,16 +175,17 @@ impl Shape {
 
     /// Bytes of memory, without heights that the surface before has too.
     pub fn bytes(&self) -> u64 {
+        let heights = if let Self::Cage(cage) = self { cage.heights } else { 0 };
         let bytes = match self {
             Self::Cage(cage) => {
-                let heights = cage.displacement.as_ref().map_or(0, |(_, _, coordinates)| 16 * coordinates.len());
+                let coordinates = cage.displacement.as_ref().map_or(0, |(_, _, coordinates)| 16 * coordinates.len());
                 4 * (cage.sizes.len() + cage.indices.len() + cage.holes.len() + cage.parts.len())
                     + 12 * cage.creases.len()
                     + 8 * cage.corners.len()
-                    + heights
+                    + coordinates
             }
             Self::Nurbs(nurbs) => 8 * (nurbs.knots[0].len() + nurbs.knots[1].len() + nurbs.points.len()),
         };
-        (bytes + size_of_val(self.points()) + size_of::<Surface>()) as u64
+        heights + (bytes + size_of_val(self.points()) + size_of::<Surface>()) as u64
     }
 }

@@ -54,6 +54,13 @@ pub struct Middle<L> {
     pub half: [L; 3],
 }
 
+impl Middle<f32> {
+    /// A box in this form.
+    pub fn of(bounds: &Bounds) -> Self {
+        Self { at: bounds.center().to_array(), half: (bounds.extent() * 0.5).to_array() }
+    }
+}
+
 /// Decodes the slabs of voxels in `cell`. `fields` holds the fields of their words, `normal` the two signed bytes of
 /// their normals. The result is finite for any input. (Always inlined, because it is part of the walks.)
 #[inline(always)]

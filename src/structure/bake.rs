@@ -218,7 +218,7 @@ pub trait Baker {
 pub mod surfaces {
     use super::{Structure, patch};
     pub use patch::build::{BuiltFrame, Cell, Plan, Plans, Tile, Upper, build, encode, max_stack};
-    pub use patch::layout::{CLASSES, MOST_LEVEL};
+    pub use patch::layout::{CLASSES, MOST_LEVEL, of_morton};
 
     /// The structure of the trees.
     pub const STRUCTURE: Structure = Structure::Patch;

@@ -126,6 +126,14 @@ impl TriHit {
         Some(StandIn { item: self.tri & !Self::FLAGS, is_missing, is_inside })
     }
 
+    /// Replaces `best` if this stand-in is better: nearer, or first by [`TriHit::untie`].
+    #[inline(always)]
+    pub(super) fn offer_to(self, best: &mut Self) {
+        if self.t < best.t || self.t == best.t && (!best.is_hit() || self.untie(best) == Some(true)) {
+            *best = self;
+        }
+    }
+
     /// Decides a tie in which this hit or `best` is a stand-in: true if this hit wins at the same distance. Returns
     /// `None` if both are triangles. The decision uses flags, blocks and items, so it does not depend on the order of
     /// visits.

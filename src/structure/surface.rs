@@ -1,6 +1,7 @@
 //! Triangles that rays hit, and the rays that hit the same triangle: arrays with one column for each triangle, filled
 //! by the structure of the tree.
 
+use super::hit::Triangle;
 use glam::Vec3;
 
 /// Up to `N` rays, grouped by the triangle that they hit. Reusable.
@@ -32,6 +33,19 @@ pub struct Surfaces<const N: usize> {
 impl<const N: usize> Surfaces<N> {
     /// No triangles.
     pub const NONE: Self = Self { corners: [[[0.0; N]; 3]; 3], part: [0; N] };
+
+    /// Fills `count` columns, at most `N`. Returns those without a triangle (bit `i`: column `i`).
+    #[inline(always)]
+    pub(super) fn fill(&mut self, count: usize, triangle: impl Fn(usize) -> Option<Triangle>) -> u32 {
+        let mut gone = 0;
+        for column in 0..count.min(N) {
+            match triangle(column) {
+                Some(triangle) => self.set(column, &triangle.vertices, triangle.part),
+                None => gone |= 1 << column,
+            }
+        }
+        gone
+    }
 
     /// Stores a triangle in a column.
     #[inline(always)]

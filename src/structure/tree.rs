@@ -261,7 +261,7 @@ impl<'a> Tree<'a> {
     /// triangle `i`) in blocks that have left the snapshot.
     #[inline(always)]
     pub fn surfaces<const N: usize>(&self, count: usize, hit: impl Fn(usize) -> TriHit, out: &mut Surfaces<N>) -> u32 {
-        of_each!(&self.blocks, own => own.surfaces(count, hit, out))
+        of_each!(&self.blocks, own => out.fill(count, |column| own.triangle(&hit(column))))
     }
 
     /// Fills the columns of `rays`, all of which hit stand-ins. Returns the rays for which a block has left the

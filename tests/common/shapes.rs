@@ -5,8 +5,10 @@
 //! 0/0/1 chaikin` and `t smoothtriangles 0/0/1 smooth` choose rules.
 
 use super::models;
+use super::rng::Rng;
 use glam::DVec3;
 use outcrop::geom::surface::cage::{Boundary, Cage, CageDesc, CagePatches, Creasing, TriangleRule};
+use outcrop::import::surfaces::{Heights, Wrap};
 use std::collections::HashMap;
 
 /// A cage with its positions, owned.
@@ -47,6 +49,12 @@ impl Shape {
         let low = self.points.iter().fold(DVec3::INFINITY, |a, &p| a.min(p));
         let high = self.points.iter().fold(DVec3::NEG_INFINITY, |a, &p| a.max(p));
         (high - low).max_element()
+    }
+
+    /// Coordinates of a map that covers each face of four corners.
+    pub fn coordinates(&self) -> Vec<[f64; 2]> {
+        let at = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
+        (0..self.indices.len()).map(|i| at[i % 4]).collect()
     }
 
     /// True if each edge has two faces, which run along it in opposite directions.
@@ -103,6 +111,13 @@ impl Shape {
             _ => {}
         }
     }
+}
+
+/// Heights of -1 and 1 that jump from texel to texel.
+pub fn jumping_heights() -> Heights {
+    let mut rng = Rng::new(3);
+    let texels = (0..256).map(|_| if rng.unit() < 0.5 { -1.0 } else { 1.0 }).collect();
+    Heights::new([16, 16], 1, [Wrap::Repeat; 2], texels).expect("heights")
 }
 
 fn number(word: &str) -> f64 {

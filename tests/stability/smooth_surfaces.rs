@@ -8,11 +8,11 @@ use crate::common::brute::Oracle;
 use crate::common::built::{self, Built, build_with};
 use crate::common::bvh64::Bvh64;
 use crate::common::nurbs::{self, Nurbs};
-use crate::common::shapes::{Shape, own};
+use crate::common::shapes::{Shape, jumping_heights, own};
 use crate::common::view::View;
 use glam::DVec3;
 use outcrop::build::{BuildOptions, Structure};
-use outcrop::import::surfaces::{CageMesh, Dicing, Displacement, Heights, NurbsMesh, Wrap};
+use outcrop::import::surfaces::{CageMesh, Dicing, Displacement, NurbsMesh};
 use outcrop::import::{MeshKey, PartDesc, Sink};
 
 const SIZE: (u32, u32) = (96, 72);
@@ -136,11 +136,7 @@ fn cages_are_whole_far_from_zero() {
 #[test]
 fn spikes_are_whole() {
     for shape in own().into_iter().filter(|it| ["cube", "cube_creases", "cube_corners"].contains(&it.name.as_str())) {
-        let mut rng = crate::common::rng::Rng::new(3);
-        let texels = (0..256).map(|_| if rng.unit() < 0.5 { -1.0 } else { 1.0 }).collect();
-        let heights = Heights::new([16, 16], 1, [Wrap::Repeat; 2], texels).expect("heights");
-        let at = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
-        let coordinates: Vec<[f64; 2]> = (0..shape.indices.len()).map(|i| at[i % 4]).collect();
+        let (heights, coordinates) = (jumping_heights(), shape.coordinates());
         let scale = 0.1 * shape.extent();
         let displacement = Displacement { heights: &heights, scale, coordinates: &coordinates };
         for structure in STRUCTURES {

@@ -230,10 +230,8 @@ fn wrong_surfaces_are_refused_and_add_nothing() {
 #[test]
 fn displaced_surfaces_follow_their_map() {
     let shape = own().into_iter().find(|it| it.name == "cube").expect("a cube");
-    let corners = shape.indices.len();
     // The coordinates of each face cover the map.
-    let coordinates: Vec<[f64; 2]> =
-        (0..corners).map(|i| [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]][i % 4]).collect();
+    let coordinates = shape.coordinates();
     let plain = shape.fine();
     let middle = shape.points.iter().sum::<DVec3>() / 8.0;
     for (texels, most) in [(vec![1.0f32; 64], 0.1), (bumps(), 0.1)] {

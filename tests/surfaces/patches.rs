@@ -7,7 +7,7 @@ use crate::common::bvh64::Bvh64;
 use crate::common::nurbs::{self, Nurbs};
 use crate::common::promise::{Tally, judge};
 use crate::common::rng::Rng;
-use crate::common::shapes::{Shape, own};
+use crate::common::shapes::{Shape, jumping_heights, own};
 use glam::DVec3;
 use outcrop::base::progress::Cancel;
 use outcrop::build::{BuildOptions, BuildReport, Builder, Structure};
@@ -128,8 +128,7 @@ fn nurbs_and_displaced_cages_too() {
     let mut rng = Rng::new(5);
     let heights = Heights::new([8, 8], 1, [Wrap::Repeat; 2], (0..64).map(|_| rng.unit() as f32).collect());
     let heights = heights.expect("heights");
-    let at = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
-    let coordinates: Vec<[f64; 2]> = (0..shape.indices.len()).map(|i| at[i % 4]).collect();
+    let coordinates = shape.coordinates();
     let displacement = Displacement { heights: &heights, scale: 0.2, coordinates: &coordinates };
     let tolerance = Dicing::Tolerance(2e-3 * shape.extent());
     compare("displaced", &shape.points, tolerance, &|builder| cage(builder, &shape, Some(displacement)));
@@ -242,11 +241,7 @@ fn hits_have_the_parameters_of_their_faces() {
 fn jumps_at_vertices_do_not_explode() {
     for name in ["cube_creases", "cube_corners", "spike"] {
         let shape = own().into_iter().find(|it| it.name == name).expect("a shape");
-        let mut rng = Rng::new(3);
-        let texels = (0..256).map(|_| if rng.unit() < 0.5 { -1.0 } else { 1.0 }).collect();
-        let heights = Heights::new([16, 16], 1, [Wrap::Repeat; 2], texels).expect("heights");
-        let at = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
-        let coordinates: Vec<[f64; 2]> = (0..shape.indices.len()).map(|i| at[i % 4]).collect();
+        let (heights, coordinates) = (jumping_heights(), shape.coordinates());
         let scale = 0.1 * shape.extent();
         let displacement = Displacement { heights: &heights, scale, coordinates: &coordinates };
         let tolerance = Dicing::Tolerance(4e-3 * shape.extent());

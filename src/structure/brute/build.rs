@@ -3,10 +3,10 @@
 //! The set of triangles is halved at the median of its centres along their longest axis, until each part fits a list.
 //! The rows of index blocks have the order of the halves, so that neighbouring lists share an index block.
 
-use super::layout::{CLASSES, INDEX, LIST, ROW_WORDS, ROWS, TRIANGLES, middle, stored_oriented_slabs};
+use super::layout::{CLASSES, INDEX, LIST, ROW_WORDS, ROWS, TRIANGLES, stored_oriented_slabs};
 use crate::base::error::{Error, Result};
 use crate::base::progress::Stretch;
-use crate::lod::{Coded, Content, Facet, Fill, OrientedSlabs, SIDES_WORDS, Voxel};
+use crate::lod::{Coded, Content, Facet, Fill, Middle, OrientedSlabs, SIDES_WORDS, Voxel};
 use crate::math::Bounds;
 use crate::structure::bake::{BakedBlock, Baker, BuiltChunk, Counts, TreeInput, TreeOptions};
 use crate::structure::par::Par;
@@ -50,7 +50,7 @@ const MOST: usize = ROWS * ROWS;
 
 impl Cell {
     fn new(bounds: Bounds, voxel: Voxel, content: &Content) -> Self {
-        let coded = Coded::of(&voxel, &middle(&bounds), content, true);
+        let coded = Coded::of(&voxel, &Middle::of(&bounds), content, true);
         let slabs = stored_oriented_slabs(coded.slabs, coded.words[0], &bounds);
         Self { bounds, voxel, coded, slabs, fill: Fill::of(content, &bounds) }
     }

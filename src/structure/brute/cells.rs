@@ -6,7 +6,6 @@ use crate::lod::{Coded, Look, OrientedSlabs};
 use crate::math::bits;
 use crate::structure::cell::Cells;
 use crate::structure::hit::{StandIn, TriHit};
-use crate::structure::surface::Surfaces;
 use glam::DVec3;
 
 impl<'a> TreeView<'a> {
@@ -50,18 +49,6 @@ impl<'a> TreeView<'a> {
 
     /// See [`crate::structure::Tree::prefetch_cell`]. This structure prefetches nothing.
     pub fn prefetch_cell(&self, _: &TriHit, _: bool) {}
-
-    /// See [`crate::structure::Tree::surfaces`].
-    pub fn surfaces<const N: usize>(&self, count: usize, hit: impl Fn(usize) -> TriHit, out: &mut Surfaces<N>) -> u32 {
-        let mut gone = 0;
-        for column in 0..count.min(N) {
-            match self.triangle(&hit(column)) {
-                Some(triangle) => out.set(column, &triangle.vertices, triangle.part),
-                None => gone |= 1 << column,
-            }
-        }
-        gone
-    }
 
     fn cell_at(&self, hit: &TriHit) -> Option<(StandIn, Row<'a>)> {
         let cell = hit.stand_in()?;

@@ -96,12 +96,7 @@ impl<'a> Row<'a> {
 
 /// Decodes the slabs of a word in a box. `first` is the voxel's first word.
 pub fn stored_oriented_slabs(word: u32, first: u32, bounds: &Bounds) -> OrientedSlabs<f32> {
-    oriented_slabs(fields(word), normal_bytes(first), &middle(bounds))
-}
-
-/// The box in the form that slabs need.
-pub fn middle(bounds: &Bounds) -> Middle<f32> {
-    Middle { at: bounds.center().to_array(), half: (bounds.extent() * 0.5).to_array() }
+    oriented_slabs(fields(word), normal_bytes(first), &Middle::of(bounds))
 }
 
 /// A decoded block.

@@ -348,7 +348,7 @@ fn judge_small(ray: &Prepared, row: Row, block: u32, cell: StandIn, walk: &mut W
         Some(true) if ray.filter.is_some_and(|filter| filter.descends(t)) => return Verdict::Descend,
         Some(true) => {
             walk.first_cell = walk.first_cell.min(t);
-            offer(&mut walk.best, TriHit { t, u: 0.0, v: 0.0, block, tri: cell.code() });
+            TriHit { t, u: 0.0, v: 0.0, block, tri: cell.code() }.offer_to(&mut walk.best);
         }
         None => {}
     }
@@ -366,14 +366,8 @@ fn stand_for_missing<const ANY: bool>(ray: &Prepared, row: Row, block: u32, cell
         if !is_inside {
             walk.first_cell = walk.first_cell.min(t);
         }
-        offer(&mut walk.best, TriHit { t, u: 0.0, v: 0.0, block, tri: StandIn { is_inside, ..cell }.code() });
-    }
-}
-
-/// Stores a stand-in if it is better than the best hit so far.
-fn offer(best: &mut TriHit, hit: TriHit) {
-    if hit.t < best.t || hit.t == best.t && (!best.is_hit() || hit.untie(best) == Some(true)) {
-        *best = hit;
+        let tri = StandIn { is_inside, ..cell }.code();
+        TriHit { t, u: 0.0, v: 0.0, block, tri }.offer_to(&mut walk.best);
     }
 }
 

@@ -64,7 +64,7 @@ pub(super) struct Whole<'a> {
 impl Appearance {
     pub(super) fn of(it: Whole) -> Self {
         let Whole { cell, voxel, content, parts, is_loose, points: (points, within) } = it;
-        let middle = Middle { at: cell.center().to_array(), half: (cell.extent() * 0.5).to_array() };
+        let middle = Middle::of(&cell);
         let Coded { words, slabs, .. } = Coded::of(&voxel, &middle, &content, true);
         let slabs = oriented_slabs(fields(slabs), normal_bytes(words[0]), &middle);
         let stops = closed(share_of_tree(&cell, &slabs, parts), is_loose);

@@ -1,12 +1,11 @@
 //! Data of hits, read from blocks: cells for stand-ins, and triangles.
 
-use super::layout::{Block, Child, Frame, Grids, Voxel, bounds_of, grid_of, middle, of_morton};
+use super::layout::{Block, Child, Frame, Grids, Voxel, bounds_of, grid_of, of_morton};
 use super::trace::{Cell, TreeView, planes_of};
-use crate::lod::{Coded, Look, OrientedSlab, OrientedSlabs, fields, normal_bytes, oriented_slabs, summary_bit};
+use crate::lod::{Coded, Look, Middle, OrientedSlab, OrientedSlabs, fields, normal_bytes, oriented_slabs, summary_bit};
 use crate::math::{Bounds, bits};
 use crate::structure::cell::{CellParts, Cells};
 use crate::structure::hit::{StandIn, TriHit};
-use crate::structure::surface::Surfaces;
 use glam::{DVec3, Vec3};
 
 /// A cell that was hit.
@@ -68,7 +67,7 @@ impl<'a> TreeView<'a> {
     pub fn oriented_slabs(&self, hit: &TriHit) -> Option<OrientedSlabs<f32>> {
         Some(match self.cell_at(hit)?.1 {
             Found::Child(bounds, voxel, _) => {
-                oriented_slabs(fields(voxel.0[0]), normal_bytes(voxel.0[1]), &middle(&bounds))
+                oriented_slabs(fields(voxel.0[0]), normal_bytes(voxel.0[1]), &Middle::of(&bounds))
             }
             Found::Frame(frame, level, number) => slabs_of(&frame, level, number),
         })
@@ -76,18 +75,6 @@ impl<'a> TreeView<'a> {
 
     /// See [`crate::structure::Tree::prefetch_cell`]. This structure prefetches nothing.
     pub fn prefetch_cell(&self, _: &TriHit, _: bool) {}
-
-    /// See [`crate::structure::Tree::surfaces`].
-    pub fn surfaces<const N: usize>(&self, count: usize, hit: impl Fn(usize) -> TriHit, out: &mut Surfaces<N>) -> u32 {
-        let mut gone = 0;
-        for column in 0..count.min(N) {
-            match self.triangle(&hit(column)) {
-                Some(triangle) => out.set(column, &triangle.vertices, triangle.part),
-                None => gone |= 1 << column,
-            }
-        }
-        gone
-    }
 
     /// See [`crate::structure::Tree::parameters`].
     pub fn parameters(&self, hit: &TriHit) -> Option<(u32, [f32; 2])> {

@@ -58,7 +58,7 @@
 //! leaf block are in a block of normals, a code (`math::octahedral`) for each vertex of each grid.
 
 use super::codes::Planes;
-use crate::lod::{Coded, Middle, coded_normal, stored_normal};
+use crate::lod::{Coded, coded_normal, stored_normal};
 use crate::math::Bounds;
 use bytemuck::must_cast_ref;
 use glam::{DMat3, DVec3, Mat3, Vec3};
@@ -351,11 +351,6 @@ pub fn bounds_of(planes: &Planes, back: &DMat3, centre: Vec3) -> Bounds {
     let low = Vec3::new(down(low.x), down(low.y), down(low.z));
     let high = -Vec3::new(down(-high.x), down(-high.y), down(-high.z));
     Bounds { min: low, max: high }
-}
-
-/// A box in the form that oriented slabs need.
-pub fn middle(bounds: &Bounds) -> Middle<f32> {
-    Middle { at: bounds.center().to_array(), half: (bounds.extent() * 0.5).to_array() }
 }
 
 /// A leaf block that [`super::PatchDecoder`] has accepted.

@@ -517,10 +517,7 @@ impl Judged {
     /// Stores a stand-in if it is better than the best hit so far.
     #[inline(always)]
     fn offer(&self, t: f32, cell: StandIn, best: &mut TriHit) {
-        let hit = TriHit { t, u: 0.0, v: 0.0, block: self.block, tri: cell.code() };
-        if hit.t < best.t || hit.t == best.t && (!best.is_hit() || hit.untie(best) == Some(true)) {
-            *best = hit;
-        }
+        TriHit { t, u: 0.0, v: 0.0, block: self.block, tri: cell.code() }.offer_to(best);
     }
 }
 

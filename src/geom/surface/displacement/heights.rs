@@ -99,6 +99,11 @@ impl Heights {
         (self.texels.len() / self.area()) as u32
     }
 
+    /// Bytes of memory.
+    pub fn bytes(&self) -> u64 {
+        size_of_val(&self.texels[..]) as u64 + self.pyramid.bytes()
+    }
+
     fn area(&self) -> usize {
         self.size[0] as usize * self.size[1] as usize
     }

@@ -19,6 +19,11 @@ pub(super) struct Pyramid {
 }
 
 impl Pyramid {
+    /// Bytes of memory.
+    pub(super) fn bytes(&self) -> u64 {
+        size_of_val(&self.all[..]) as u64
+    }
+
     /// Makes the pyramids of `count` maps of a size. `texel` returns the bounds of the area of a texel, by map, column
     /// and row. Fails with [`crate::Error::NoMemory`].
     pub(super) fn new(size: [u32; 2], count: u32, texel: impl Fn(usize, u32, u32) -> [f64; 2]) -> Result<Self> {

@@ -9,7 +9,6 @@ use crate::math::bits;
 use crate::simd::prefetch;
 use crate::structure::bvh::layout::{Block, Node, StoredVoxel};
 use crate::structure::cell::Cells;
-use crate::structure::surface::Surfaces;
 use glam::{DVec3, Vec3};
 
 impl<'a> TreeView<'a> {
@@ -107,20 +106,6 @@ impl<'a> TreeView<'a> {
     /// Returns the oriented slabs of the cell of a hit, or `None` if its block has left the snapshot.
     pub fn oriented_slabs(&self, hit: &TriHit) -> Option<OrientedSlabs<f32>> {
         self.cell_at(hit).map(|(_, node, slot)| node.stored_oriented_slabs(slot))
-    }
-
-    /// Fills a column for each of `count` hits on triangles, which `hit` returns. Returns the hits for which the block
-    /// has left the snapshot (bit `i`: hit `i`).
-    #[inline(always)]
-    pub fn surfaces<const N: usize>(&self, count: usize, hit: impl Fn(usize) -> TriHit, out: &mut Surfaces<N>) -> u32 {
-        let mut gone = 0;
-        for column in 0..count.min(N) {
-            match self.triangle(&hit(column)) {
-                Some(triangle) => out.set(column, &triangle.vertices, triangle.part),
-                None => gone |= 1 << column,
-            }
-        }
-        gone
     }
 
     #[inline(always)]

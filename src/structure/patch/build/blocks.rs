@@ -77,17 +77,13 @@ pub fn encode(plan: Plan) -> ([BakedBlock; 2], Cell, Counts) {
     }
     frames.iter().for_each(|frame| grids.extend(&frame.grid));
     let mut words = vec![0; HEAD_WORDS];
-    // The voxels come before the frames, so these are placed once the length of both is known.
-    nodes.put(|_| (Child::Frame(0), false), &mut words);
-    let firsts: Vec<usize> = frames
-        .iter()
-        .scan(words.len(), |at, frame| {
-            let here = *at;
-            *at += frame.words.len();
-            Some(here)
-        })
-        .collect();
-    words.truncate(HEAD_WORDS);
+    // Frames come behind nodes and voxels.
+    let mut at = HEAD_WORDS + nodes.words_of_inner();
+    let mut firsts = Vec::with_capacity(frames.len());
+    for frame in &frames {
+        firsts.push(at);
+        at += frame.words.len();
+    }
     nodes.put(|item| (Child::Frame(firsts[item]), false), &mut words);
     head(&mut words, nodes.count(), frames.len());
     frames.iter().for_each(|frame| words.extend(&frame.words));

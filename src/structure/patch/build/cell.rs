@@ -1,10 +1,10 @@
 //! The content of a child: its box, and the voxel and slabs of everything below.
 
 use crate::lod::{
-    Coded, Content, Facet, Fill, OrientedSlabs, SIDES_WORDS, Voxel, fields, normal_bytes, oriented_slabs,
+    Coded, Content, Facet, Fill, Middle, OrientedSlabs, SIDES_WORDS, Voxel, fields, normal_bytes, oriented_slabs,
 };
 use crate::math::Bounds;
-use crate::structure::patch::layout::{SHORT_VOXEL, middle};
+use crate::structure::patch::layout::{LONG_VOXEL, SHORT_VOXEL};
 use glam::Vec3;
 
 /// See the module.
@@ -20,7 +20,7 @@ pub struct Cell {
 
 impl Cell {
     fn new(bounds: Bounds, voxel: Voxel, content: &Content) -> Self {
-        let cell = middle(&bounds);
+        let cell = Middle::of(&bounds);
         let coded = Coded::of(&voxel, &cell, content, true);
         let slabs = oriented_slabs(fields(coded.slabs), normal_bytes(coded.words[0]), &cell);
         Self { bounds, voxel, coded, slabs, fill: Fill::of(content, &bounds) }
@@ -38,6 +38,11 @@ impl Cell {
         let voxel = Voxel::over(cells.iter().map(|cell| (&cell.bounds, &cell.voxel)));
         let pieces = cells.iter().map(|cell| (cell.bounds, cell.slabs, cell.fill)).collect();
         Self::new(bounds, voxel, &Content::of_cells(pieces))
+    }
+
+    /// Words of the voxel.
+    pub fn words(&self) -> usize {
+        if self.coded.sides.is_some() { LONG_VOXEL } else { SHORT_VOXEL }
     }
 
     /// Appends the words of the voxel.

@@ -40,6 +40,12 @@ impl Nodes {
         self.nodes.len()
     }
 
+    /// Words of the nodes and of the voxels of children that are nodes.
+    pub fn words_of_inner(&self) -> usize {
+        let inner = self.nodes.iter().flatten().filter(|slot| matches!(slot.to, To::Node(_)));
+        self.nodes.len() * NODE_WORDS + inner.map(|slot| slot.cell.words()).sum::<usize>()
+    }
+
     /// Appends the nodes and then the voxels to the head of a block. `child` gives the reference of an item, and true
     /// if it has a voxel.
     pub fn put(&self, child: impl Fn(usize) -> (Child, bool), words: &mut Vec<u32>) {
