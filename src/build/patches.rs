@@ -13,7 +13,7 @@ use super::surfaces::{Shape, Surface};
 use super::survey::OfPart;
 use crate::base::error::{Error, Result};
 use crate::base::progress::Phase;
-use crate::geom::surface::dice::{Dicer, Dicing, Quads, Tile as Samples};
+use crate::geom::surface::dice::{BicubicPatch, Dicer, Dicing, Quads, Tile as Samples};
 use crate::math::{Bounds, DBounds};
 use crate::store::TreeRow;
 use crate::structure::bake::Counts;
@@ -111,8 +111,15 @@ impl Patches<'_> {
         };
         let dicer = Dicer::new(quads, dicing, cancel)?;
         let colours = assembly.colours(self.index, self.local_parts);
-        let maker =
-            Maker { dicer: &dicer, home, first_face: self.surface.first_face, origin, colours: &colours, is_reversed };
+        let maker = Maker {
+            dicer: &dicer,
+            home,
+            first_face: self.surface.first_face,
+            origin,
+            colours: &colours,
+            is_reversed,
+            is_computed: quads.has_bicubics(),
+        };
         let levels = par.map(quads.count(), |quad| if cancel.check().is_ok() { dicer.level(quad) } else { 1 });
         cancel.check()?;
         let works = works(quads, &bounds, &levels);
@@ -190,6 +197,9 @@ fn works<Q: Quads>(quads: &Q, bounds: &DBounds, levels: &[u32]) -> Vec<Work> {
     works
 }
 
+/// Greatest level of tiles that are stored where they are in several patches: their quarters would take more space.
+const STORED_LEVEL: u32 = 3;
+
 /// Makes tiles.
 struct Maker<'a, Q> {
     dicer: &'a Dicer<'a, Q>,
@@ -198,6 +208,8 @@ struct Maker<'a, Q> {
     origin: DVec3,
     colours: &'a [Vec4],
     is_reversed: bool,
+    /// True if grids are computed where their surface allows it.
+    is_computed: bool,
 }
 
 impl<Q: Quads> Maker<'_, Q> {
@@ -222,23 +234,54 @@ impl<Q: Quads> Maker<'_, Q> {
                 corner: home.corner,
                 place,
                 is_turned: false,
+                square: [above, i as u32, j as u32],
+                steps: self.steps(work, i, j, level),
+                patch: None,
             };
+            tile.patch = self.patch(work.quad, tile.square);
             let error = |(p, stored): (&DVec3, &Vec3)| (stored.as_dvec3() + self.origin).distance(*p);
             let errors = samples.positions.iter().zip(&tile.positions).map(error);
             made.position_error = errors.fold(made.position_error, f64::max);
-            if self.is_reversed {
-                tile.turn_over();
-            }
-            self.split(tile, &mut made);
+            self.split(tile, work.quad, &mut made);
         }
         made
     }
 
-    /// Adds a tile, or its quarters where it is not flat.
-    fn split(&self, tile: Tile, made: &mut Made) {
-        if tile.level > 1 && !tile.is_flat(FLAT.to_radians().cos()) {
-            (0..4).for_each(|quarter| self.split(tile.quarter(quarter), made));
+    /// The patch that a square of a quad is a part of, relative to the tree's origin.
+    fn patch(&self, quad: usize, square: [u32; 3]) -> Option<BicubicPatch> {
+        if !self.is_computed {
+            return None;
+        }
+        let mut patch = self.dicer.surface().bicubic(quad, square)?;
+        for p in &mut patch.points {
+            *p = (p.truncate() - self.origin * p.w).extend(p.w);
+        }
+        Some(patch)
+    }
+
+    /// By how many levels the edges at the sides of a tile are coarser; 0 at sides that are within the quad.
+    fn steps(&self, work: &Work, i: usize, j: usize, level: u32) -> [u32; 4] {
+        let last = (1usize << (work.level - level)) - 1;
+        let is_on = [j == 0, j == last, i == 0, i == last];
+        let steps = self.dicer.steps(work.quad, work.level);
+        [0, 1, 2, 3].map(|side| if is_on[side] { steps[side] } else { 0 })
+    }
+
+    /// Adds a tile, or its quarters where it is not flat, or too large to be stored and in several patches.
+    fn split(&self, mut tile: Tile, quad: usize, made: &mut Made) {
+        let is_large = self.is_computed && tile.patch.is_none() && tile.level > STORED_LEVEL;
+        if tile.level > 1 && (is_large || !tile.is_flat(FLAT.to_radians().cos())) {
+            for number in 0..4 {
+                let mut quarter = tile.quarter(number);
+                if tile.patch.is_none() {
+                    quarter.patch = self.patch(quad, quarter.square);
+                }
+                self.split(quarter, quad, made);
+            }
             return;
+        }
+        if self.is_reversed {
+            tile.turn_over();
         }
         let (border, stored) = (tile.border(), |p: &Vec3| p.as_dvec3());
         let of = OfPart {

@@ -1,9 +1,10 @@
 //! The decoder of this structure's blocks, for residency, and the check of their words.
 
 use super::layout::{
-    Block, COARSE, Child, FINE, Frame, GRID_WORDS, GRIDS, Grids, HEAD_WORDS, MAX_WORDS, MOST_GRIDS, MOST_LEVEL,
+    Block, COARSE, Child, FINE, Frame, GRIDS, Grids, HEAD_WORDS, IS_COMPUTED, IS_RATIONAL, MAX_WORDS, MOST_GRIDS, MOST_LEVEL,
     MOST_PLACE, NODE_WORDS, NODES, Voxel, WIDTH,
 };
+use super::net::{self, Computed, NET_WORDS, RATIONAL_WORDS};
 use super::nodes::parts_and_blocks;
 use crate::base::ids::BlockId;
 use crate::lod::{Coded, LEVEL, stopped, summary_bit};
@@ -13,6 +14,7 @@ use crate::store::{Header, TreeRow};
 use crate::structure::Structure;
 use crate::structure::open::ListedParts;
 use crate::structure::streams::{self, Kind, Streams};
+use std::collections::HashMap;
 use std::hash::{BuildHasher, RandomState};
 
 const _: () = assert!(MAX_WORDS / NODE_WORDS <= MOST_NODES);
@@ -267,18 +269,41 @@ fn check_grids(words: &[u32]) -> Result<(), String> {
     ensure(words[0] == GRIDS, "the block has an unexpected kind")?;
     ensure((1..=MOST_GRIDS).contains(&count) && 2 + count <= words.len(), "the number of grids is wrong")?;
     let (mut next, mut normal) = (2 + count, 0u32);
+    let mut grids = Vec::with_capacity(count);
     for number in 0..count {
         ensure(words[2 + number] as usize == next, "the position of a grid is wrong")?;
-        let level = words.get(next + 2).copied().unwrap_or(0);
-        ensure((1..=MOST_LEVEL).contains(&level), "a grid has an invalid level")?;
+        let shape = words.get(next + 2).copied().unwrap_or(0);
+        ensure((1..=MOST_LEVEL).contains(&(shape & 15)) && shape >> 6 == 0, "a grid has an invalid level or kind")?;
+        ensure(shape & (IS_COMPUTED | IS_RATIONAL) != IS_RATIONAL, "a grid that is not computed is rational")?;
         let grid = Grids(words).grid(number).ok_or("a grid does not fit into the block")?;
         ensure(grid.head[3] == normal, "the normals of grids do not follow each other")?;
         let is_finite = grid.vertices.iter().all(|word| f32::from_bits(*word).is_finite());
         ensure(is_finite, "a vertex is not finite")?;
-        normal += (grid.side * grid.side) as u32;
-        next += GRID_WORDS + grid.vertices.len();
+        if let Some(computed) = grid.computed {
+            net::check(&computed, grid.level)?;
+            grids.push(computed);
+        } else {
+            normal += (grid.side * grid.side) as u32;
+        }
+        next += grid.size();
     }
-    ensure(next == words.len(), "the grids do not fill the block")
+    next = check_nets(&grids, next)?;
+    ensure(next == words.len(), "the grids and nets do not fill the block")
+}
+
+/// Checks the nets of computed grids: they follow the grids, in the order of references. Returns the end of the last.
+fn check_nets(grids: &[Computed], first: usize) -> Result<usize, String> {
+    let (mut end, mut met) = (first, HashMap::new());
+    for grid in grids {
+        let kind = met.entry(grid.net_at).or_insert_with(|| {
+            let is_next = grid.net_at as usize == end;
+            end += if grid.net.is_rational() { RATIONAL_WORDS } else { NET_WORDS };
+            is_next.then(|| grid.net.is_rational())
+        });
+        ensure(*kind == Some(grid.net.is_rational()), "the position of a net is wrong")?;
+        grid.net.check()?;
+    }
+    Ok(end)
 }
 
 #[cfg(test)]

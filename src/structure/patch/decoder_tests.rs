@@ -33,6 +33,9 @@ fn frame(number: usize, level: u32) -> BuiltFrame {
         corner: 0,
         place: [2, 3, 1],
         is_turned: false,
+        square: [0; 3],
+        steps: [0; 4],
+        patch: None,
     })
 }
 

@@ -51,13 +51,30 @@
 //! | 0 | [`GRIDS`] |
 //! | 1 | grids |
 //! | .. | first word of each grid |
-//! | .. | grids: part, primitive id, level, number of the first normal; then the vertices (f32 x, y, z), rows along x |
+//! | .. | grids |
+//! | .. | nets of control points (`net.rs`), in the order in which computed grids refer to them |
+//!
+//! | words of a grid | |
+//! |---|---|
+//! | 0, 1 | part, primitive id |
+//! | 2 | bits 0 to 3 level; bit 4: the grid is computed; bit 5: its net is rational |
+//! | 3 | number of the first normal: of computed grids none is stored |
+//! | .. | vertices of a stored grid (f32 x, y, z), rows along x |
+//!
+//! | further words of a computed grid | |
+//! |---|---|
+//! | 4 | first word of the net |
+//! | 5 | place of the grid's square in the patch of the net: level (bits 0 to 3), column (4 to 15), row (16 to 27) |
+//! | 6 | bits 0 to 15: by how many levels the edges at v = 0, v = 1, u = 0 and u = 1 are coarser than the grid; their |
+//! | | points take the places of the vertices between them. Bits 16 to 31: number of corrections |
+//! | .. | corrections: number of the vertex, its coordinates |
 //!
 //! A grid of level n has 2^n cells along each side. Cell (i, j) has the corners (i, j), (i + 1, j), (i + 1, j + 1) and
 //! (i, j + 1), and two triangles: the first three of these, and the first, the third and the fourth. The normals of a
-//! leaf block are in a block of normals, a code (`math::octahedral`) for each vertex of each grid.
+//! leaf block are in a block of normals, a code (`math::octahedral`) for each vertex of each stored grid.
 
 use super::codes::Planes;
+use super::net::{CORRECTION_WORDS, Computed, Net};
 use crate::lod::{Coded, coded_normal, stored_normal};
 use crate::math::Bounds;
 use bytemuck::must_cast_ref;
@@ -81,6 +98,12 @@ pub const SHORT_VOXEL: usize = 5;
 pub const LONG_VOXEL: usize = 17;
 /// Words of a grid before its vertices.
 pub const GRID_WORDS: usize = 4;
+/// Words of a computed grid before its corrections.
+pub const COMPUTED_WORDS: usize = 7;
+/// Bit of a grid's third word: the grid is computed.
+pub const IS_COMPUTED: u32 = 1 << 4;
+/// Bit of a grid's third word: its net is rational.
+pub const IS_RATIONAL: u32 = 1 << 5;
 /// Greatest number of words of a block: 64 KB.
 pub const MAX_WORDS: usize = 16384;
 /// Greatest level of a grid.
@@ -371,29 +394,55 @@ impl<'a> Grids<'a> {
         }
         let words = self.0.get(*self.0.get(2 + number)? as usize..)?;
         let head = words.first_chunk::<GRID_WORDS>()?;
-        let level = head[2].min(MOST_LEVEL);
+        let level = (head[2] & 15).min(MOST_LEVEL);
         let side = (1 << level) + 1;
-        Some(Grid { head, level, side, vertices: words.get(GRID_WORDS..GRID_WORDS + 3 * side * side)? })
+        if head[2] & IS_COMPUTED == 0 {
+            let vertices = words.get(GRID_WORDS..GRID_WORDS + 3 * side * side)?;
+            return Some(Grid { head, level, side, vertices, computed: None });
+        }
+        let [net_at, place, shape] = *words.get(GRID_WORDS..)?.first_chunk()?;
+        let end = COMPUTED_WORDS + CORRECTION_WORDS * (shape >> 16) as usize;
+        let computed = Computed {
+            net: Net::at(self.0.get(net_at as usize..)?, head[2] & IS_RATIONAL != 0)?,
+            net_at,
+            place: [place & 15, place >> 4 & 0xfff, place >> 16],
+            steps: shape & 0xffff,
+            corrections: words.get(COMPUTED_WORDS..end)?.as_chunks().0,
+        };
+        Some(Grid { head, level, side, vertices: &[], computed: Some(computed) })
     }
 }
 
 /// A grid of vertices.
 #[derive(Debug, Clone, Copy)]
 pub struct Grid<'a> {
-    /// Part, primitive id, level, number of the first normal.
+    /// Part, primitive id, level and kind, number of the first normal.
     pub head: &'a [u32; GRID_WORDS],
     /// It has 2^level cells along each side.
     pub level: u32,
     /// Vertices along a side.
     pub side: usize,
-    /// Their coordinates.
+    /// The coordinates of the vertices of a stored grid.
     pub vertices: &'a [u32],
+    /// How the vertices of another grid are computed.
+    pub computed: Option<Computed<'a>>,
 }
 
 impl Grid<'_> {
+    /// Words of the grid.
+    pub fn size(&self) -> usize {
+        match self.computed {
+            None => GRID_WORDS + self.vertices.len(),
+            Some(it) => COMPUTED_WORDS + it.corrections.as_flattened().len(),
+        }
+    }
+
     /// A vertex, by column and row.
     #[inline(always)]
     pub fn vertex(&self, i: usize, j: usize) -> Vec3 {
+        if let Some(computed) = &self.computed {
+            return computed.vertex(self.level, i, j);
+        }
         let at = 3 * (j * self.side + i);
         let of = |axis: usize| f32::from_bits(self.vertices[at + axis]);
         Vec3::new(of(0), of(1), of(2))
@@ -429,10 +478,8 @@ impl Grid<'_> {
     /// Where a point of a triangle of [`tri_of`] is in the grid's square, by the weights of its second and third
     /// corner.
     pub fn at(&self, tri: u32, [second, third]: [f32; 2]) -> Option<[f32; 2]> {
-        let corners = self.corners(tri)?.map(|at| [at % self.side, at / self.side].map(|x| x as f32));
-        let [a, b, c] = corners;
-        let cells = (self.side - 1) as f32;
-        Some([0, 1].map(|axis| (a[axis] + second * (b[axis] - a[axis]) + third * (c[axis] - a[axis])) / cells))
+        let [a, b, c] = self.corners(tri)?.map(|at| self.parameters(at % self.side, at / self.side));
+        Some([0, 1].map(|axis| a[axis] + second * (b[axis] - a[axis]) + third * (c[axis] - a[axis])))
     }
 
     /// The corners of a triangle of [`tri_of`].

@@ -45,24 +45,15 @@ pub fn eight<S: Simd>(s: S, ray: &Prepared, grid: &Grid, number: usize, t_max: f
     let Prepared { ray, shear: Shear { k, s: by }, .. } = ray;
     let zero = s.splat8(0.0);
     let (i, j) = of_morton(number);
-    let at = 3 * (2 * j * grid.side + 2 * i);
     // A leaf beyond the grid, which only a malformed file has, is never hit.
     let is_there = 2 * i + 2 < grid.side && 2 * j + 2 < grid.side;
-    // No closures here: they are compiled without the instruction set.
-    let mut nine = [[0.0f32; 16]; 3];
-    if is_there {
-        for row in 0..3 {
-            let words = &grid.vertices[at + 3 * row * grid.side..][..9];
-            for column in 0..3 {
-                for axis in 0..3 {
-                    nine[axis][3 * row + column] = f32::from_bits(words[3 * column + k[axis]]);
-                }
-            }
-        }
-    }
+    let nine = match &grid.computed {
+        Some(computed) if is_there => computed.nine(s, grid.level, number),
+        _ => stored(grid, i, j, is_there),
+    };
     let by = [s.splat8(by[0]), s.splat8(by[1]), s.splat8(by[2])];
     let mut corners = [Sheared { x: zero, y: zero, z: zero }; 3];
-    let tables = [s.table16(&nine[0]), s.table16(&nine[1]), s.table16(&nine[2])];
+    let tables = [s.table16(&nine[k[0]]), s.table16(&nine[k[1]]), s.table16(&nine[k[2]])];
     for (corner, sheared) in corners.iter_mut().enumerate() {
         let index = s.index8(&CORNERS[corner]);
         let mut p = [zero; 3];
@@ -74,4 +65,23 @@ pub fn eight<S: Simd>(s: S, ray: &Prepared, grid: &Grid, number: usize, t_max: f
     let lanes = if is_there { 0xff } else { 0 };
     let found = intersect::<8, _>(lanes, corners, zero, s.splat8(ray.t_min), s.splat8(t_max));
     Found { hits: found.hits, t: found.t.to_array(), u: found.u.to_array(), v: found.v.to_array() }
+}
+
+/// The nine vertices of a leaf of a stored grid, by axis; zeros if it is not there.
+#[inline(always)]
+fn stored(grid: &Grid, i: usize, j: usize, is_there: bool) -> [[f32; 16]; 3] {
+    // No closures here: they are compiled without the instruction set.
+    let mut nine = [[0.0f32; 16]; 3];
+    if is_there {
+        let at = 3 * (2 * j * grid.side + 2 * i);
+        for row in 0..3 {
+            let words = &grid.vertices[at + 3 * row * grid.side..][..9];
+            for column in 0..3 {
+                for axis in 0..3 {
+                    nine[axis][3 * row + column] = f32::from_bits(words[3 * column + axis]);
+                }
+            }
+        }
+    }
+    nine
 }

@@ -16,6 +16,7 @@ pub mod codes;
 mod decoder;
 pub mod layout;
 mod leaf;
+mod net;
 pub mod nodes;
 pub mod open;
 mod ray;

@@ -382,23 +382,23 @@ impl<'a> TreeView<'a> {
 
     /// See [`crate::structure::Tree::normals`].
     pub fn normals(&self, hit: &TriHit) -> Result<Option<[Vec3; 3]>, BlockId> {
-        let Some(at) = self.normals_at else { return Ok(None) };
         let words = self.words(hit.block).ok_or(BlockId(hit.block))?;
+        let Some(grid) = Grids(words).grid(grid_of(hit.tri)) else { return Ok(None) };
+        let (Some([a, b, c]), Some(corners)) = (grid.triangle(hit.tri), grid.corners(hit.tri)) else { return Ok(None) };
+        let own = (b - a).cross(c - a).normalize_or(Vec3::Z);
+        if let Some(computed) = grid.computed {
+            let normal = |at: usize| computed.normal(grid.level, at % grid.side, at / grid.side);
+            return Ok(Some(corners.map(|at| normal(at).try_normalize().unwrap_or(own))));
+        }
+        let Some(at) = self.normals_at else { return Ok(None) };
         let id = BlockId(hit.block + at);
         let codes = self.visited(id.0).ok_or(id)?;
-        let of_grid = |tri: u32| {
-            let grid = Grids(words).grid(grid_of(tri))?;
-            let first = grid.head[3] as usize;
-            let [a, b, c] = grid.triangle(tri)?;
-            let own = (b - a).cross(c - a).normalize_or(Vec3::Z);
-            let mut normals = [own; 3];
-            for (normal, corner) in normals.iter_mut().zip(grid.corners(tri)?) {
-                let code = *codes.get(first + corner)?;
-                *normal = if code < 2 { own } else { octahedral::decode(code) };
-            }
-            Some(normals)
+        let normal = |corner: usize| {
+            let code = *codes.get(grid.head[3] as usize + corner)?;
+            Some(if code < 2 { own } else { octahedral::decode(code) })
         };
-        Ok(of_grid(hit.tri))
+        let [a, b, c] = corners.map(normal);
+        Ok(a.zip(b).zip(c).map(|((a, b), c)| [a, b, c]))
     }
 
     /// Returns the node and the slot of a cell that is a child of a node.

@@ -50,6 +50,9 @@ impl Tree {
                 corner: 0,
                 place,
                 is_turned: false,
+                square: [0; 3],
+                steps: [0; 4],
+                patch: None,
             };
             full.extend(plans.push(build(&tile)));
         }

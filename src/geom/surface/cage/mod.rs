@@ -12,6 +12,7 @@
 
 mod around;
 mod bicubic;
+mod bicubics;
 mod bounds;
 mod crease;
 mod desc;

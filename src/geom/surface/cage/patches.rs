@@ -2,11 +2,13 @@
 
 use super::super::point::SurfacePoint;
 use super::around::{Finder, Neighbourhood};
+use super::bicubics::bicubic;
 use super::bounds::bounds;
 use super::evaluate::evaluate;
 use super::level::Cage;
 use super::plan::{Plan, Plans};
 use crate::base::error::{Error, Result};
+use crate::geom::surface::dice::BicubicPatch;
 use crate::math::DBounds;
 use glam::DVec3;
 use std::sync::Arc;
@@ -96,6 +98,17 @@ impl CagePatches {
             bounds(&quad.plan, self.vertex_of(quad), level, i, j)
         } else {
             bounds(&quad.plan, self.point_of(quad), level, i, j)
+        }
+    }
+
+    /// The bicubic patch that a square of a quad is a part of; `None` if there is no such face or corner, or if the
+    /// square is not within one patch, as beside irregular vertices. `place`: level, column and row of the square.
+    pub fn bicubic(&self, face: u32, corner: u32, place: [u32; 3]) -> Option<BicubicPatch> {
+        let quad = self.quad(face, corner)?;
+        if quad.plan.points() == quad.plan.control_points() {
+            bicubic(&quad.plan, self.vertex_of(quad), place)
+        } else {
+            bicubic(&quad.plan, self.point_of(quad), place)
         }
     }
 

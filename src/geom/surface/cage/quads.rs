@@ -4,7 +4,7 @@ use super::displaced::Displacement;
 use super::level::Cage;
 use super::patches::CagePatches;
 use crate::base::error::Result;
-use crate::geom::surface::dice::{Quads, Sample, Side};
+use crate::geom::surface::dice::{BicubicPatch, Quads, Sample, Side};
 use glam::DVec3;
 
 /// The quads of a cage that was subdivided once: then sides of faces of any number of corners meet whole. Holes have
@@ -95,6 +95,18 @@ impl Quads for CageQuads<'_> {
 
     fn is_rough(&self) -> bool {
         self.displacement.is_some()
+    }
+
+    fn has_bicubics(&self) -> bool {
+        self.displacement.is_none()
+    }
+
+    fn bicubic(&self, quad: usize, [level, column, row]: [u32; 3]) -> Option<BicubicPatch> {
+        if !self.has_bicubics() {
+            return None;
+        }
+        let (face, corner, [above, i, j]) = self.place_in_face(quad);
+        self.surface.bicubic(face, corner, [above + level, (i << level) + column, (j << level) + row])
     }
 
     fn least_level(&self, quad: usize) -> u32 {

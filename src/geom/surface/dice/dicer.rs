@@ -57,6 +57,16 @@ impl<'a, Q: Quads> Dicer<'a, Q> {
         levels::of_quad(self.surface, quad, of_edges, self.dicing)
     }
 
+    /// The surface.
+    pub fn surface(&self) -> &'a Q {
+        self.surface
+    }
+
+    /// By how many levels the edges at the sides of a quad's grid of a level are coarser.
+    pub fn steps(&self, quad: usize, level: u32) -> [u32; 4] {
+        self.surface.sides(quad).map(|side| level - self.edges.level(side.edge).min(level))
+    }
+
     /// Fills `out` with the (2^tile_level + 1)² samples of a square of a quad's grid, whose first cell is number
     /// `i << tile_level` along u and `j << tile_level` along v. The grid has 2^level cells along each side; the tile is
     /// within it. `level` is that of [`Self::level`], which is slow to find, or a higher one.

@@ -6,6 +6,7 @@
 //! points of that edge. Points on edges and corners are the mean of the points that their quads have there: both sides
 //! of an edge have the same points to the last bit, also where a displacement differs between them.
 
+mod bicubic;
 mod dicer;
 mod edges;
 mod levels;
@@ -19,6 +20,7 @@ use crate::base::error::{Error, Result};
 use crate::base::progress::Cancel;
 use glam::{DVec3, Vec3};
 
+pub use bicubic::{BicubicPatch, descend};
 pub use dicer::{Dicer, Tile};
 
 /// The highest [`Dicing::level`]: 4096 segments along a side.
@@ -98,6 +100,15 @@ pub trait Quads: Sync {
     /// The lowest level of a quad and of its sides that a tolerance may choose.
     fn least_level(&self, _quad: usize) -> u32 {
         0
+    }
+    /// True if most squares of quads, small ones at least, are parts of bicubic patches.
+    fn has_bicubics(&self) -> bool {
+        false
+    }
+    /// The bicubic patch that a square of a quad is a part of, by the level, the column and the row of the square in
+    /// the quad; `None` if it is not a part of one. Its points are those of [`Self::sample`] but for rounding.
+    fn bicubic(&self, _quad: usize, _place: [u32; 3]) -> Option<BicubicPatch> {
+        None
     }
     /// True if some cells of a quad tell nothing of those between them.
     fn is_rough(&self) -> bool {

@@ -3,7 +3,7 @@
 
 use super::bezier::BezierPatch;
 use super::surface::Nurbs;
-use crate::geom::surface::dice::{Quads, Sample, Side};
+use crate::geom::surface::dice::{BicubicPatch, Quads, Sample, Side};
 use glam::DVec4;
 use std::cell::OnceCell;
 
@@ -195,6 +195,35 @@ impl Quads for NurbsQuads<'_> {
 
     fn sample(&self, quad: usize, u: f64, v: f64) -> Sample {
         self.sampler(quad)(u, v)
+    }
+
+    fn has_bicubics(&self) -> bool {
+        self.surface.degree().into_iter().all(|degree| degree <= 3)
+    }
+
+    fn bicubic(&self, quad: usize, place: [u32; 3]) -> Option<BicubicPatch> {
+        if !self.has_bicubics() {
+            return None;
+        }
+        let cell = self.cell(quad);
+        let mut patch = self.patch([0, 1].map(|axis| cell[axis] / self.halves[axis]));
+        let ends = [0, 1].map(|axis| {
+            let ([from, to], halves) = (patch.domain()[axis], self.halves[axis]);
+            let at = |i: usize| if i == halves { to } else { from + (to - from) * (i as f64 / halves as f64) };
+            [at(cell[axis] % halves), at(cell[axis] % halves + 1)]
+        });
+        if ends != patch.domain() {
+            patch = patch.part(ends);
+        }
+        let (degree, (origin, points)) = (patch.degree(), patch.control_points());
+        let rows = degree[1] + 1;
+        let point = |at: usize| {
+            let (i, j) = (at % (degree[0] + 1), at / (degree[0] + 1));
+            let p = points[i * rows + j];
+            (p.truncate() + origin * p.w).extend(p.w)
+        };
+        let points: Vec<DVec4> = (0..points.len()).map(point).collect();
+        BicubicPatch::elevated(&points, degree, patch.is_rational(), place)
     }
 
     /// The patch is made at the first point: edges of one segment evaluate none.

@@ -5,12 +5,18 @@ use super::frame::BuiltFrame;
 use super::nodes::Nodes;
 use crate::math::Bounds;
 use crate::structure::bake::{BakedBlock, Counts};
-use crate::structure::patch::layout::{Child, GRIDS, HEAD_WORDS, LONG_VOXEL, MAX_WORDS, MOST_GRIDS, NODE_WORDS, NODES};
+use crate::structure::patch::layout::{
+    Child, GRIDS, HEAD_WORDS, IS_COMPUTED, LONG_VOXEL, MAX_WORDS, MOST_GRIDS, NODE_WORDS, NODES,
+};
+use std::collections::HashMap;
 
 /// The frames of a fine block.
 #[derive(Default)]
 pub struct Plan {
     frames: Vec<BuiltFrame>,
+    /// The nets of computed grids, by their words, and their words in order.
+    nets: HashMap<Vec<u32>, usize>,
+    net_words: Vec<u32>,
     /// Words of the leaf block, and of the frames.
     leaf: usize,
     fine: usize,
@@ -25,11 +31,33 @@ impl Plan {
     /// True if a frame fits.
     fn has_room(&self, frame: &BuiltFrame) -> bool {
         let count = self.frames.len() + 1;
-        let leaf = 2 + self.leaf + 1 + frame.grid.len();
+        let leaf = 2 + self.leaf + self.net_words.len() + words_of_leaf(frame) + frame.net.as_ref().map_or(0, Vec::len);
         // Nodes have voxels, but frames have none.
         let nodes = most_nodes(count) * (NODE_WORDS + LONG_VOXEL);
         let fine = HEAD_WORDS + nodes + self.fine + frame.words.len();
         count <= MOST_GRIDS && leaf <= MAX_WORDS && fine <= MAX_WORDS
+    }
+}
+
+/// Words of the leaf block that a frame takes, but for its net.
+fn words_of_leaf(frame: &BuiltFrame) -> usize {
+    1 + frame.grid.len()
+}
+
+impl Plan {
+    /// Adds a frame. Its grid refers to its net by the number of words before.
+    fn push(&mut self, mut frame: BuiltFrame) {
+        self.leaf += words_of_leaf(&frame);
+        self.fine += frame.words.len();
+        if let Some(net) = frame.net.take() {
+            let next = self.net_words.len();
+            let at = *self.nets.entry(net).or_insert_with_key(|net| {
+                self.net_words.extend(net);
+                next
+            });
+            frame.grid[4] = at as u32;
+        }
+        self.frames.push(frame);
     }
 }
 
@@ -43,9 +71,7 @@ impl Plans {
     /// Adds a frame. Returns a plan that is full, if one is.
     pub fn push(&mut self, frame: BuiltFrame) -> Option<Plan> {
         let full = if self.open.has_room(&frame) { None } else { Some(std::mem::take(&mut self.open)) };
-        self.open.leaf += 1 + frame.grid.len();
-        self.open.fine += frame.words.len();
-        self.open.frames.push(frame);
+        self.open.push(frame);
         full
     }
 
@@ -75,7 +101,12 @@ pub fn encode(plan: Plan) -> ([BakedBlock; 2], Cell, Counts) {
         next += frame.grid.len();
         normals.extend(&frame.normals);
     }
+    // Nets follow the grids.
+    for frame in frames.iter_mut().filter(|frame| frame.grid[2] & IS_COMPUTED != 0) {
+        frame.grid[4] += next as u32;
+    }
     frames.iter().for_each(|frame| grids.extend(&frame.grid));
+    grids.extend(plan.net_words);
     let mut words = vec![0; HEAD_WORDS];
     // Frames come behind nodes and voxels.
     let mut at = HEAD_WORDS + nodes.words_of_inner();

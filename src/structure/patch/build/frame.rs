@@ -1,8 +1,10 @@
 //! A frame from a tile of a grid: the system, the boxes of the quadtree, the words.
 
 use super::cell::Cell;
+use super::grid;
 use crate::lod::{Facet, coded_normal};
-use crate::math::{Bounds, octahedral};
+use crate::geom::surface::dice::BicubicPatch;
+use crate::math::Bounds;
 use crate::structure::patch::codes::{Planes, child, children, encode};
 use crate::structure::patch::layout::{FRAME_WORDS, ROOT, TURNED, of_morton, tree_words};
 use glam::{DMat3, DVec3, Mat3, Vec3};
@@ -28,6 +30,12 @@ pub struct Tile {
     pub place: [u32; 3],
     /// True if x runs along the face's v: the tile was turned over.
     pub is_turned: bool,
+    /// Level, column and row of the tile in the quad that it was diced from.
+    pub square: [u32; 3],
+    /// By how many levels the edges at the lower and the upper end of y, then of x, are coarser than the cells.
+    pub steps: [u32; 4],
+    /// The patch that it is a part of, relative to the tree's origin, if its vertices are to be computed.
+    pub patch: Option<BicubicPatch>,
 }
 
 /// A frame before it is in a block.
@@ -35,9 +43,11 @@ pub struct Tile {
 pub struct BuiltFrame {
     /// The words of the frame; the number of its grid is not entered yet.
     pub words: Vec<u32>,
-    /// The words of the grid; the number of the first normal is not entered yet.
+    /// The words of the grid; the numbers of the first normal and of the net are not entered yet.
     pub grid: Vec<u32>,
-    /// Codes of the normals.
+    /// The words of the net of a computed grid.
+    pub net: Option<Vec<u32>>,
+    /// Codes of the normals of a stored grid.
     pub normals: Vec<u32>,
     /// What stand-ins above the frame know of it.
     pub cell: Cell,
@@ -48,7 +58,7 @@ pub struct BuiltFrame {
 }
 
 impl Tile {
-    fn side(&self) -> usize {
+    pub(super) fn side(&self) -> usize {
         (1 << self.level) + 1
     }
 
@@ -73,12 +83,16 @@ impl Tile {
             let row = |row: usize| (j * half + row) * side + i * half;
             (0..=half).flat_map(|at| all[row(at)..=row(at) + half].to_vec()).collect::<Vec<Vec3>>()
         };
-        let [level, column, row] = self.place;
+        let below = |[level, column, row]: [u32; 3]| [level + 1, 2 * column + i as u32, 2 * row + j as u32];
+        let ([a, b, c, d], at) = (self.steps, |is_there: bool, step: u32| if is_there { step } else { 0 });
         Self {
             level: self.level - 1,
             positions: of(&self.positions),
             normals: of(&self.normals),
-            place: [level + 1, 2 * column + i as u32, 2 * row + j as u32],
+            place: below(self.place),
+            square: below(self.square),
+            steps: [at(j == 0, a), at(j == 1, b), at(i == 0, c), at(i == 1, d)],
+            patch: self.patch.as_ref().map(|patch| BicubicPatch { place: below(patch.place), ..*patch }),
             ..*self
         }
     }
@@ -91,6 +105,9 @@ impl Tile {
         self.normals = turned(&self.normals).into_iter().map(|n| -n).collect();
         self.place.swap(1, 2);
         self.is_turned = !self.is_turned;
+        self.square.swap(1, 2);
+        self.steps.rotate_left(2);
+        self.patch = self.patch.as_ref().map(BicubicPatch::transposed);
     }
 
     /// The vertices around the tile, counter-clockwise in (u, v).
@@ -191,13 +208,12 @@ pub fn build(tile: &Tile) -> BuiltFrame {
     let (system, levels) = (System::of(tile), tile.level - 1);
     let second = cell_of(tile);
     let words = words_of(tile, &system, levels, second.second());
-    // 0 stands for the normal of the triangle.
-    let code = |n: &Vec3| n.try_normalize().map_or(0, octahedral::encode);
-    let normals: Vec<u32> = tile.normals.iter().map(code).collect();
-    let mut grid = vec![tile.part, tile.face, tile.level, 0];
-    grid.extend(tile.positions.iter().flat_map(|p| p.to_array().map(f32::to_bits)));
+    let (grid, net, normals) = match grid::computed(tile) {
+        Some((grid, net)) => (grid, Some(net), Vec::new()),
+        None => grid::stored(tile),
+    };
     let triangles = tile.triangles().count() as u64;
-    BuiltFrame { words, grid, normals, cell: second, part: tile.part, triangles }
+    BuiltFrame { words, grid, net, normals, cell: second, part: tile.part, triangles }
 }
 
 fn words_of(tile: &Tile, system: &System, levels: u32, second: u32) -> Vec<u32> {
@@ -304,6 +320,9 @@ mod tests {
             corner: 0,
             place: [0; 3],
             is_turned: false,
+            square: [0; 3],
+            steps: [0; 4],
+            patch: None,
         }
     }
 

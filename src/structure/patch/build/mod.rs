@@ -4,6 +4,7 @@
 mod blocks;
 mod cell;
 mod frame;
+mod grid;
 mod nodes;
 
 pub use blocks::{Plan, Plans, Upper, encode};
