@@ -11,7 +11,7 @@ pub const MAGIC: [u8; 8] = *b"\x8fOCR\r\n\x1a\n";
 /// The first eight bytes of the footer.
 pub const FOOTER_MAGIC: [u8; 8] = *b"\n\x1a\n\rRCO\x8f";
 /// The format version, major and minor, that the library writes, and the newest that it reads.
-pub const VERSION: (u16, u16) = (0, 12);
+pub const VERSION: (u16, u16) = (0, 13);
 /// Number of bytes of the header.
 pub const HEADER_LEN: usize = 256;
 /// Number of bytes of the footer.

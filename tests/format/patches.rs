@@ -9,9 +9,10 @@ use outcrop::math::octahedral;
 use outcrop::store::{ModelFile, TreeRow};
 use outcrop::structure::patch::codes;
 use outcrop::structure::patch::layout::{
-    self, Block, Child, FRAME_WORDS, GRID_WORDS, Grids, HEAD_WORDS, LONG_VOXEL, MAX_WORDS, MOST_GRIDS, MOST_LEVEL,
-    MOST_PLACE, NODE_WORDS, SHORT_VOXEL,
+    self, Block, COMPUTED_WORDS, Child, FRAME_WORDS, GRID_WORDS, Grids, HEAD_WORDS, IS_COMPUTED, IS_RATIONAL,
+    LONG_VOXEL, MAX_WORDS, MOST_GRIDS, MOST_LEVEL, MOST_PLACE, NODE_WORDS, SHORT_VOXEL,
 };
+use outcrop::structure::patch::net::{CORRECTION_WORDS, NET_WORDS, RATIONAL_WORDS};
 use std::collections::{BTreeMap, BTreeSet};
 
 const BLOCKS: &str = "### Block payloads of structure `patch`";
@@ -23,6 +24,8 @@ const FRAME: &str = "#### Patch: frame";
 const TREE: &str = "#### Patch: word of a quadtree";
 const LEAF: &str = "#### Patch: leaf block";
 const GRID: &str = "#### Patch: grid";
+const REST: &str = "#### Patch: rest of a computed grid";
+const NET: &str = "#### Patch: net";
 
 /// A table of offsets of the page.
 struct Table {
@@ -135,6 +138,8 @@ struct Page {
     voxel: Table,
     frame: Table,
     grid: Table,
+    rest: Table,
+    net: Table,
     codes: Codes,
     /// Bits of the number and of the kind of a reference.
     reference: Vec<(u32, u32)>,
@@ -180,6 +185,7 @@ struct GridOf {
     face: u32,
     level: u32,
     vertices: Vec<Vec3>,
+    is_computed: bool,
 }
 
 impl Page {
@@ -190,6 +196,8 @@ impl Page {
             voxel: Table::of(VOXEL),
             frame: Table::of(FRAME),
             grid: Table::of(GRID),
+            rest: Table::of(REST),
+            net: Table::of(NET),
             codes: Codes::of_page(),
             reference: bits(REFERENCE),
         }
@@ -270,22 +278,91 @@ impl Page {
         assert_eq!(number(&bytes[..4]).to_string(), kind);
         let count = number(&bytes[4..8]) as usize;
         let (mut at, mut normal, mut all) = (2 + count, 0, Vec::new());
+        let mut nets: BTreeMap<usize, bool> = BTreeMap::new();
         for first in words(&bytes[8..8 + 4 * count]) {
             assert_eq!(first as usize, at);
             let row = self.grid.row(&bytes[4 * at..]);
             assert_eq!(row.number("number of the first normal"), normal);
-            let [part, face, level] =
+            let [part, face, kind] =
                 ["the tree's local part", "primitive id", "level"].map(|name| row.number(name) as u32);
-            let count = ((1 << level) + 1) * ((1 << level) + 1);
+            let (level, is_computed, is_rational) = (kind & 15, kind >> 4 & 1 == 1, kind >> 5 == 1);
+            let side = (1 << level) + 1;
             let from = 4 * at + self.grid.size;
+            if is_computed {
+                let rest = self.rest.row(&bytes[from..]);
+                let net = rest.number("word at which its net begins");
+                // Nets follow each other in the order of references.
+                let last = nets.last_key_value().map(|(at, is_rational)| at + if *is_rational { 128 } else { 96 });
+                assert!(nets.contains_key(&net) || last.is_none_or(|last| net == last));
+                nets.insert(net, is_rational);
+                let corrections = rest.number("corrections");
+                let fixes = &bytes[from + self.rest.size..][..16 * corrections];
+                let vertices = self.vertices(&rest, &bytes[4 * net..], level, is_rational, fixes);
+                all.push(GridOf { part, face, level, vertices, is_computed });
+                at += (self.grid.size + self.rest.size) / 4 + 4 * corrections;
+                continue;
+            }
+            let count = side * side;
             let numbers: Vec<f32> = words(&bytes[from..from + 12 * count]).into_iter().map(f32::from_bits).collect();
             let vertices = numbers.chunks_exact(3).map(Vec3::from_slice).collect();
-            all.push(GridOf { part, face, level, vertices });
+            all.push(GridOf { part, face, level, vertices, is_computed });
             normal += count;
             at += self.grid.size / 4 + 3 * count;
         }
+        for (net, is_rational) in nets {
+            assert_eq!(net, at);
+            at += self.net.size / 4 + if is_rational { 32 } else { 0 };
+        }
         assert_eq!(4 * at, bytes.len());
         all
+    }
+
+    /// The vertices of a computed grid.
+    fn vertices(&self, rest: &Row, net: &[u8], level: u32, is_rational: bool, fixes: &[u8]) -> Vec<Vec3> {
+        let row = self.net.row(net);
+        let doubles = |bytes: &[u8]| -> Vec<f64> {
+            bytes.chunks_exact(8).map(|b| f64::from_le_bytes(b.try_into().expect("8 bytes"))).collect()
+        };
+        let mut axes: Vec<Vec<f64>> = ["x of the control points", "y", "z"].map(|name| doubles(row.bytes(name))).into();
+        if is_rational {
+            axes.push(doubles(&net[self.net.size..self.net.size + 128]));
+        }
+        let (place, last) = (rest.number("place"), 1usize << level);
+        let (above, column, line) = (place & 15, place >> 4 & 0xfff, place >> 16);
+        assert!(above <= 12 && column.max(line) < 1 << above);
+        let steps: Vec<usize> = (0..4).map(|side| 1 << (rest.number("steps") >> (4 * side) & 15)).collect();
+        let weights = |t: f64| {
+            let s = 1.0 - t;
+            [(s * s) * s, 3.0 * ((s * s) * t), 3.0 * ((t * t) * s), (t * t) * t]
+        };
+        let nearest = |index: usize, step: usize| (index + step / 2) / step * step;
+        let mut vertices: Vec<Vec3> = (0..(last + 1) * (last + 1))
+            .map(|number| {
+                let (mut i, mut j) = (number % (last + 1), number / (last + 1));
+                let (column_at, row_at) = (i, j);
+                for (side, is_on) in [row_at == 0, row_at == last, column_at == 0, column_at == last].iter().enumerate()
+                {
+                    let along = if side < 2 { &mut i } else { &mut j };
+                    *along = if *is_on { nearest(*along, steps[side]) } else { *along };
+                }
+                let size = f64::from(1u32 << (above as u32 + level));
+                let at = |first: usize, index: usize| (first * last + index) as f64 / size;
+                let (wu, wv) = (weights(at(column, i)), weights(at(line, j)));
+                let sum = |points: &[f64]| {
+                    let of_column = |c: usize| {
+                        points[c] * wv[0] + points[4 + c] * wv[1] + points[8 + c] * wv[2] + points[12 + c] * wv[3]
+                    };
+                    of_column(0) * wu[0] + of_column(1) * wu[1] + of_column(2) * wu[2] + of_column(3) * wu[3]
+                };
+                let over = if is_rational { 1.0 / sum(&axes[3]) } else { 1.0 };
+                Vec3::from_array([0, 1, 2].map(|axis| (sum(&axes[axis]) * over) as f32))
+            })
+            .collect();
+        for fix in fixes.chunks_exact(16) {
+            let numbers = words(fix);
+            vertices[numbers[0] as usize] = Vec3::from_array([1, 2, 3].map(|i| f32::from_bits(numbers[i])));
+        }
+        vertices
     }
 }
 
@@ -394,7 +471,7 @@ impl Around<'_> {
 fn vertices_lie_in_the_boxes_above_them() {
     let (_, file) = patches();
     let page = Page::new();
-    let (mut most, mut levels, mut turned) = (0, BTreeSet::new(), 0);
+    let (mut most, mut levels, mut turned, mut kinds) = (0, BTreeSet::new(), 0, [0, 0]);
     let trees: Vec<TreeRow> = file.trees().iter().filter(|tree| tree.structure == 4).copied().collect();
     for tree in &trees {
         let [coarse, fine, leaf, none] = tree.class_blocks;
@@ -426,11 +503,13 @@ fn vertices_lie_in_the_boxes_above_them() {
         assert_eq!((tree.nodes, tree.leaves), (nodes as u64, frames as u64));
         assert_eq!(read.grids.values().map(Vec::len).sum::<usize>(), frames);
         levels.append(&mut read.levels);
+        read.grids.values().flatten().for_each(|grid| kinds[usize::from(grid.is_computed)] += 1);
         blocks_beside(&file, &read, first, coarse + fine);
         turned += squares_of_faces(&read);
     }
     assert!(most > 1 && levels.len() > 1, "{most} fine blocks, {levels:?}");
     assert_eq!((trees.len(), turned), (3, 1));
+    assert!(kinds.into_iter().all(|count| count > 0), "{kinds:?} stored and computed grids");
 }
 
 /// Checks that the frames of each face fill its squares without overlap. Returns 1 if all are turned over, 0 if none.
@@ -464,8 +543,12 @@ fn blocks_beside(file: &ModelFile, read: &Read, first: u32, nodes: u32) {
         assert_eq!(payload(file, ids_at + id), [4, 0, 0, 0, 0], "block {id}");
         let bytes = payload(file, normals_at + id);
         let codes = words(&bytes[5..]);
-        let vertices: usize = grids.iter().map(|grid| grid.vertices.len()).sum();
-        assert_eq!((bytes[0], words(&bytes[1..5])[0] as usize, codes.len()), (6, vertices, vertices));
+        let stored = grids.iter().filter(|grid| !grid.is_computed).map(|grid| grid.vertices.len()).sum::<usize>();
+        if stored == 0 {
+            assert_eq!(bytes, [6, 1, 0, 0, 0, 0, 0, 0, 0], "block {id}");
+            continue;
+        }
+        assert_eq!((bytes[0], words(&bytes[1..5])[0] as usize, codes.len()), (6, stored, stored));
         for code in codes.into_iter().step_by(7) {
             let [x, y] = [code & 0xffff, code >> 16].map(|half| {
                 assert!((1..=65_533).contains(&half));
@@ -482,8 +565,11 @@ fn blocks_beside(file: &ModelFile, read: &Read, first: u32, nodes: u32) {
 
 #[test]
 fn tables_of_patches_are_those_of_the_code() {
-    let sizes = [HEAD, NODE, VOXEL, FRAME, GRID].map(|begin| Table::of(begin).size / 4);
-    assert_eq!(sizes, [HEAD_WORDS, NODE_WORDS, SHORT_VOXEL, FRAME_WORDS, GRID_WORDS]);
+    let sizes = [HEAD, NODE, VOXEL, FRAME, GRID, REST, NET].map(|begin| Table::of(begin).size / 4);
+    let of_grid = [GRID_WORDS, COMPUTED_WORDS - GRID_WORDS, NET_WORDS];
+    assert_eq!(sizes, [[HEAD_WORDS, NODE_WORDS, SHORT_VOXEL, FRAME_WORDS].as_slice(), &of_grid].concat()[..]);
+    assert!(section(NET).1.contains("\nA rational net has 128 bytes more"));
+    assert_eq!((4 * (RATIONAL_WORDS - NET_WORDS), CORRECTION_WORDS), (128, 4));
     assert_eq!(4 * (LONG_VOXEL - SHORT_VOXEL), 48);
     assert!(section(VOXEL).1.contains("\nWith bit 24 in word 0, 48 bytes follow"));
     assert!(section(BLOCKS).1.replace(',', "").contains(&format!("at most {MAX_WORDS}.")));
@@ -492,7 +578,9 @@ fn tables_of_patches_are_those_of_the_code() {
     assert_eq!(numbers(range(HEAD, "word at which the voxels")), [HEAD_WORDS as u64, NODE_WORDS as u64]);
     assert_eq!(numbers(range(FRAME, "levels"))[1], u64::from(MOST_LEVEL) - 1);
     assert_eq!(numbers(range(FRAME, "place"))[0], u64::from(MOST_PLACE));
-    assert_eq!(numbers(range(GRID, "level")), [1, u64::from(MOST_LEVEL)]);
+    assert_eq!(numbers(range(GRID, "level"))[..2], [1, u64::from(MOST_LEVEL)]);
+    assert_eq!((IS_COMPUTED >> 4, (IS_COMPUTED | IS_RATIONAL) >> 4), (1, 3));
+    assert_eq!(numbers(range(REST, "place"))[1], u64::from(MOST_PLACE));
     let leaf = table(LEAF, "bytes | type | field | range");
     assert_eq!(leaf[0][3], layout::GRIDS.to_string());
     assert_eq!(numbers(&leaf[1][3].replace(',', "")), [1, MOST_GRIDS as u64]);

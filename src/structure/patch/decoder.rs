@@ -1,8 +1,8 @@
 //! The decoder of this structure's blocks, for residency, and the check of their words.
 
 use super::layout::{
-    Block, COARSE, Child, FINE, Frame, GRIDS, Grids, HEAD_WORDS, IS_COMPUTED, IS_RATIONAL, MAX_WORDS, MOST_GRIDS, MOST_LEVEL,
-    MOST_PLACE, NODE_WORDS, NODES, Voxel, WIDTH,
+    Block, COARSE, Child, FINE, Frame, GRIDS, Grids, HEAD_WORDS, IS_COMPUTED, IS_RATIONAL, MAX_WORDS, MOST_GRIDS,
+    MOST_LEVEL, MOST_PLACE, NODE_WORDS, NODES, Voxel, WIDTH,
 };
 use super::net::{self, Computed, NET_WORDS, RATIONAL_WORDS};
 use super::nodes::parts_and_blocks;

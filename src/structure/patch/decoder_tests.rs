@@ -1,11 +1,13 @@
 use super::*;
+use crate::geom::surface::dice::BicubicPatch;
 use crate::structure::nodes::Node;
-use crate::structure::patch::build::{BuiltFrame, Plans, Tile, Upper, build, encode};
+use crate::structure::patch::build::{BuiltFrame, Plans, Tile, Upper, build, encode, words_of};
 use crate::structure::patch::layout::FRAME_WORDS;
+use crate::structure::patch::net::Net;
 use crate::structure::patch::nodes;
 use crate::structure::place::Place;
 use bytemuck::Zeroable;
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 
 /// A coarse block, two fine ones and their leaf blocks.
 const TREE: TreeBlocks = TreeBlocks { first: 3, coarse_end: 4, fine_end: 6, end: 8 };
@@ -39,12 +41,54 @@ fn frame(number: usize, level: u32) -> BuiltFrame {
     })
 }
 
-/// A coarse, a fine and a leaf block of a tree: ten frames, the first of which has a quadtree of two levels.
+/// A tile of a saddle, rational or not: one of the squares of a level of its patch.
+fn of_saddle(place: [u32; 3], level: u32, is_rational: bool, steps: [u32; 4]) -> BuiltFrame {
+    let weight = |i: usize| if is_rational { 1.0 + 0.25 * (i % 3) as f64 } else { 1.0 };
+    let patch = BicubicPatch {
+        points: std::array::from_fn(|i| {
+            let (x, y) = ((i % 4) as f64 / 3.0, (i / 4) as f64 / 3.0);
+            (DVec3::new(x, y + 30.0, x * y - 0.5 * x) * weight(i)).extend(weight(i))
+        }),
+        is_rational,
+        place,
+    };
+    let words = words_of(&patch);
+    let shape = steps.iter().enumerate().map(|(side, step)| step << (4 * side)).sum();
+    let net = Net::at(&words, is_rational).unwrap();
+    let computed = Computed { net, net_at: 0, place, steps: shape, corrections: &[] };
+    let side = (1usize << level) + 1;
+    let all = |at: usize| (at % side, at / side);
+    let mut positions: Vec<Vec3> = (0..side * side).map(all).map(|(i, j)| computed.vertex(level, i, j)).collect();
+    // A correction.
+    positions[side + 1].z += 1e-3;
+    build(&Tile {
+        level,
+        positions,
+        normals: (0..side * side).map(all).map(|(i, j)| computed.normal(level, i, j)).collect(),
+        part: 1,
+        colour: Vec3::ONE,
+        face: 8,
+        corner: 0,
+        place,
+        is_turned: false,
+        square: place,
+        steps,
+        patch: Some(patch),
+    })
+}
+
+/// A coarse, a fine and a leaf block of a tree: ten stored frames, the first of which has a quadtree of two levels, and
+/// three computed ones with two nets.
 fn sound() -> [Vec<u32>; 3] {
     let block = |frames: std::ops::Range<usize>| {
         let mut plans = Plans::default();
         for number in frames {
             assert!(plans.push(frame(number, if number == 0 { 3 } else { 1 })).is_none());
+        }
+        for (place, is_rational) in [([2, 1, 3], false), ([3, 0, 7], true), ([2, 2, 3], false)] {
+            let frame = of_saddle(place, 2, is_rational, [0, 1, 2, 0]);
+            assert_eq!((frame.grid[6], frame.net.is_some()), (1 << 16 | 2 << 8 | 1 << 4, true));
+            assert!(plans.push(frame).is_none());
         }
         let ([fine, leaf], cell, _) = encode(plans.end().unwrap());
         ([fine.payload, leaf.payload], cell)
@@ -220,7 +264,40 @@ fn each_damage_of_leaf_blocks_is_found() {
         (vec![(second + 3, 0)], "the same normals twice"),
         (vec![(first + 4, nan)], "a vertex of NaN"),
     ];
-    let end = leaf.len() - 1;
+    let [smooth, rational, last] = [10, 11, 12].map(|number| leaf[2 + number] as usize);
+    let net = leaf[smooth + 4] as usize;
+    assert_eq!((leaf[rational + 4] as usize, leaf[last + 4] as usize), (net + NET_WORDS, net));
+    assert_eq!(leaf.len(), net + NET_WORDS + RATIONAL_WORDS);
+    all.extend([
+        (vec![(first + 2, leaf[first + 2] | IS_RATIONAL)], "a stored grid that is rational"),
+        (vec![(first + 2, leaf[first + 2] | IS_COMPUTED)], "a stored grid as a computed one"),
+        (vec![(first + 2, leaf[first + 2] | 1 << 6)], "a kind that does not exist"),
+        (vec![(smooth + 2, 2)], "a computed grid as a stored one"),
+        (vec![(smooth + 2, 2 | IS_COMPUTED | IS_RATIONAL)], "a net with weights that it does not have"),
+        (vec![(rational + 2, 2 | IS_COMPUTED)], "a net without its weights"),
+        (vec![(last + 2, 2 | IS_COMPUTED | IS_RATIONAL)], "two kinds of one net"),
+        (vec![(smooth + 3, leaf[smooth + 3] + 1)], "normals of a computed grid"),
+        (vec![(smooth + 4, net as u32 + 1)], "a net a word later"),
+        (vec![(smooth + 4, leaf[rational + 4])], "nets that do not begin with the first"),
+        (vec![(rational + 4, net as u32)], "a net of another kind"),
+        (vec![(last + 4, u32::MAX)], "a net nowhere"),
+        (vec![(smooth + 5, 13)], "a place below the finest"),
+        (vec![(smooth + 5, 2 | 4 << 4)], "a column beyond the patch"),
+        (vec![(smooth + 5, 2 | 4 << 16)], "a row beyond the patch"),
+        (vec![(smooth + 5, leaf[smooth + 5] | 1 << 28)], "a row with too many bits"),
+        (vec![(smooth + 6, leaf[smooth + 6] | 3)], "an edge that is coarser than the grid"),
+        (vec![(smooth + 6, leaf[smooth + 6] | 8 << 12)], "the last edge coarser than the grid"),
+        (vec![(smooth + 6, leaf[smooth + 6] + (1 << 16))], "a correction more"),
+        (vec![(smooth + 6, leaf[smooth + 6] - (1 << 16))], "a correction less"),
+        (vec![(smooth + 7, 25)], "a correction of a vertex that does not exist"),
+        (vec![(smooth + 8, nan)], "a correction of NaN"),
+        (vec![(net + 1, f64::NAN.to_bits().wrapping_shr(32) as u32)], "a control point of NaN"),
+        (vec![(net + 95, 0x7ff0_0000)], "an infinite control point"),
+        (vec![(net + 95, 0x7fe0_0000)], "a control point that is too far for single precision"),
+        (vec![(net + NET_WORDS + 97, 0), (net + NET_WORDS + 96, 0)], "a weight of 0"),
+        (vec![(net + NET_WORDS + 97, 0xbff0_0000)], "a weight below 0"),
+    ]);
+    let end = smooth - 1;
     all.extend([second - 1, second + 4, end].map(|at| (vec![(at, f32::INFINITY.to_bits())], "an infinite vertex")));
     each_is_found(&leaf, LEAF_ID, all);
 }

@@ -4,11 +4,14 @@
 //!
 //! A wide tree of full precision leads to **frames**, square parts of a surface whose normals differ little. Below a
 //! frame is a complete quadtree, a byte for each node. The boxes of the quadtree are the stand-ins of the surface: a
-//! ray whose footprint covers a box meets it there. Other rays meet the triangles of the frame's grid, the paper's
-//! exact variant (PREGEN^C, section 3.6): its vertices are on the surface.
+//! ray whose footprint covers a box meets it there. Other rays meet the triangles of the frame's grid, whose vertices
+//! are on the surface. They are computed where a ray comes to them, from the control points of a patch that many grids
+//! share (`net`), or stored (the paper's exact variant PREGEN^C, section 3.6).
 //!
 //! Differences from the paper: the map of a frame is affine, not projective. A leaf of the quadtree is four cells,
-//! eight triangles, which one vector test takes. Boxes enclose the vertices of the grid.
+//! eight triangles, which one vector test takes. Boxes enclose the vertices of the grid. Exact rays meet triangles
+//! instead of the surface by Newton's method: neighbours then share the vertices of their border to the bit, no ray
+//! passes between them, and all other queries find the same surface.
 
 pub mod build;
 mod cells;
@@ -16,7 +19,7 @@ pub mod codes;
 mod decoder;
 pub mod layout;
 mod leaf;
-mod net;
+pub mod net;
 pub mod nodes;
 pub mod open;
 mod ray;

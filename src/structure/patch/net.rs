@@ -323,3 +323,96 @@ pub fn check(grid: &Computed, level: u32) -> Result<(), String> {
         false => Err("a vertex is not finite".into()),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geom::surface::dice::BicubicPatch;
+    use crate::simd::{Isa, Op, dispatch};
+    use crate::structure::patch::build::words_of;
+    use glam::DVec4;
+    use proptest::prelude::*;
+
+    /// A patch of any control points, with its place.
+    fn patch(numbers: &[f64], is_rational: bool, place: [u32; 3]) -> BicubicPatch {
+        let weight = |i: usize| if is_rational { 0.5 + numbers[48 + i].abs() } else { 1.0 };
+        let point = |i: usize| DVec3::from_slice(&numbers[3 * i..]) * weight(i);
+        BicubicPatch { points: std::array::from_fn(|i| point(i).extend(weight(i))), is_rational, place }
+    }
+
+    /// The point by de Casteljau's algorithm.
+    fn casteljau(patch: &BicubicPatch, u: f64, v: f64) -> DVec3 {
+        let line = |mut p: [DVec4; 4], t: f64| {
+            for last in (0..3).rev() {
+                (0..=last).for_each(|i| p[i] = p[i].lerp(p[i + 1], t));
+            }
+            p[0]
+        };
+        let rows: [DVec4; 4] = std::array::from_fn(|row| line(std::array::from_fn(|i| patch.points[4 * row + i]), u));
+        let p = line(rows, v);
+        p.truncate() / p.w
+    }
+
+    struct Nine<'a>(Computed<'a>, u32, usize);
+
+    impl Op for Nine<'_> {
+        type Out = [[f32; 16]; 3];
+        fn run<S: Simd>(self, s: S) -> Self::Out {
+            self.0.nine(s, self.1, self.2)
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn leaves_have_the_vertices_to_the_bit(
+            numbers in prop::collection::vec(-2.0f64..2.0, 64),
+            is_rational: bool,
+            (level, leaf, steps) in (1u32..=5, 0usize..256, prop::array::uniform4(0u32..3)),
+            fix in prop::option::of(0u32..1089),
+        ) {
+            let patch = patch(&numbers, is_rational, [3, 5, 2]);
+            let words = words_of(&patch);
+            let leaf = leaf % (1 << (2 * (level - 1)));
+            let steps = (0..4).map(|side| steps[side].min(level) << (4 * side)).sum();
+            let vertices = ((1 << level) + 1) * ((1 << level) + 1);
+            let fixes: Vec<_> = fix.into_iter().map(|at| [at % vertices, 1f32.to_bits(), 0, 0]).collect();
+            let net = Net::at(&words, is_rational).unwrap();
+            net.check().unwrap();
+            let computed = Computed { net, net_at: 0, place: patch.place, steps, corrections: &fixes };
+            let (i, j) = of_morton(leaf);
+            for isa in Isa::ALL {
+                let nine = dispatch(isa, Nine(computed, level, leaf));
+                for at in 0..9 {
+                    let vertex = computed.vertex(level, 2 * i + at % 3, 2 * j + at / 3);
+                    let found = [0, 1, 2].map(|axis| nine[axis][at].to_bits());
+                    prop_assert_eq!(found, vertex.to_array().map(f32::to_bits));
+                }
+            }
+        }
+
+        #[test]
+        fn points_and_derivatives(
+            numbers in prop::collection::vec(-2.0f64..2.0, 64),
+            is_rational: bool,
+            (u, v) in (0.01f64..0.99, 0.01f64..0.99),
+        ) {
+            let patch = patch(&numbers, is_rational, [0; 3]);
+            let words = words_of(&patch);
+            let net = Net::at(&words, is_rational).unwrap();
+            let at = |u: f64, v: f64| casteljau(&patch, u, v);
+            let [p, du, dv, duu, duv, dvv] = net.derivatives(u, v);
+            prop_assert!(p.distance(at(u, v)) < 1e-13);
+            prop_assert!(net.point(u, v).as_dvec3().distance(p) < 1e-6);
+            let h = 1e-4;
+            let first = [(at(u + h, v) - at(u - h, v)) / (2.0 * h), (at(u, v + h) - at(u, v - h)) / (2.0 * h)];
+            let second = [
+                (at(u + h, v) - 2.0 * p + at(u - h, v)) / (h * h),
+                (at(u + h, v + h) - at(u + h, v - h) - at(u - h, v + h) + at(u - h, v - h)) / (4.0 * h * h),
+                (at(u, v + h) - 2.0 * p + at(u, v - h)) / (h * h),
+            ];
+            for (found, expected) in [du, dv, duu, duv, dvv].into_iter().zip(first.into_iter().chain(second)) {
+                prop_assert!(found.distance(expected) < 1e-4 * (1.0 + expected.length()), "{found} {expected}");
+            }
+        }
+    }
+}

@@ -2,8 +2,8 @@
 
 use super::cell::Cell;
 use super::grid;
-use crate::lod::{Facet, coded_normal};
 use crate::geom::surface::dice::BicubicPatch;
+use crate::lod::{Facet, coded_normal};
 use crate::math::Bounds;
 use crate::structure::patch::codes::{Planes, child, children, encode};
 use crate::structure::patch::layout::{FRAME_WORDS, ROOT, TURNED, of_morton, tree_words};

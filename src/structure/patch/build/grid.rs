@@ -63,7 +63,8 @@ fn has_normals(tile: &Tile, computed: &Computed) -> bool {
     })
 }
 
-fn words_of(patch: &BicubicPatch) -> Vec<u32> {
+/// The words of the net of a patch.
+pub fn words_of(patch: &BicubicPatch) -> Vec<u32> {
     let axes = if patch.is_rational { 4 } else { 3 };
     let mut words = Vec::with_capacity(if patch.is_rational { RATIONAL_WORDS } else { NET_WORDS });
     for axis in 0..axes {

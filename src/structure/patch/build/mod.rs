@@ -10,6 +10,8 @@ mod nodes;
 pub use blocks::{Plan, Plans, Upper, encode};
 pub use cell::Cell;
 pub use frame::{BuiltFrame, Tile, build};
+#[cfg(test)]
+pub use grid::words_of;
 
 /// Number of stack entries that a walk needs at most in a tree with `depth` levels of nodes.
 pub fn max_stack(depth: u32) -> u32 {
