@@ -197,6 +197,8 @@ fn works<Q: Quads>(quads: &Q, bounds: &DBounds, levels: &[u32]) -> Vec<Work> {
     works
 }
 
+/// Greatest distance that rounding of the coordinates moves a point, as a share of the greatest of them.
+const ROUNDED: f64 = 1.05e-7;
 /// Greatest level of tiles that are stored where they are in several patches: their quarters would take more space.
 const STORED_LEVEL: u32 = 3;
 
@@ -220,8 +222,14 @@ impl<Q: Quads> Maker<'_, Q> {
         let face = self.first_face + home.face;
         for number in work.tiles.clone() {
             let (i, j) = bake::of_morton(number);
-            self.dicer.tile(work.quad, work.level, level, i as u32, j as u32, &mut samples);
             let above = work.level - level;
+            let square = [above, i as u32, j as u32];
+            let patch = self.patch(work.quad, square);
+            if patch.is_some() {
+                self.dicer.border(work.quad, work.level, level, square[1], square[2], &mut samples);
+            } else {
+                self.dicer.tile(work.quad, work.level, level, square[1], square[2], &mut samples);
+            }
             let place =
                 [home.place[0] + above, (home.place[1] << above) + i as u32, (home.place[2] << above) + j as u32];
             let mut tile = Tile {
@@ -234,14 +242,21 @@ impl<Q: Quads> Maker<'_, Q> {
                 corner: home.corner,
                 place,
                 is_turned: false,
-                square: [above, i as u32, j as u32],
+                square,
                 steps: self.steps(work, i, j, level),
-                patch: None,
+                patch,
             };
-            tile.patch = self.patch(work.quad, tile.square);
+            // Samples that were left out have no position yet.
             let error = |(p, stored): (&DVec3, &Vec3)| (stored.as_dvec3() + self.origin).distance(*p);
-            let errors = samples.positions.iter().zip(&tile.positions).map(error);
+            let is_there = |at: &usize| tile.patch.is_none() || !tile.is_inside(*at);
+            let all = (0..tile.positions.len()).filter(is_there);
+            let errors = all.map(|at| error((&samples.positions[at], &tile.positions[at])));
             made.position_error = errors.fold(made.position_error, f64::max);
+            if tile.patch.is_some() {
+                tile.fill_inside();
+                let greatest = tile.positions.iter().map(|p| p.abs().max_element()).fold(0.0, f32::max);
+                made.position_error = made.position_error.max(f64::from(greatest) * ROUNDED);
+            }
             self.split(tile, work.quad, &mut made);
         }
         made

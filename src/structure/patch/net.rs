@@ -131,6 +131,39 @@ impl<'a> Net<'a> {
         [p, pu, pv, puu, puv, (avv - pv * (2.0 * wv) - p * wvv) / w]
     }
 
+    /// Points and unit normals, zero where there are none, at parameters along u for one of v; to the bit those of
+    /// [`Self::point`].
+    pub fn row_of(self, u: impl Iterator<Item = f64>, v: f64, mut emit: impl FnMut(Vec3, Vec3)) {
+        let (values, slopes_v) = (weights(v), slopes(v));
+        // The curve along u, and the derivatives by v along it.
+        let mut curves = [[[0.0; 4]; 4]; 2];
+        for axis in 0..4 {
+            let rows = [self.row(axis, 0), self.row(axis, 1), self.row(axis, 2), self.row(axis, 3)];
+            for (curve, by) in curves.iter_mut().zip([&values, &slopes_v]) {
+                for i in 0..4 {
+                    curve[axis][i] = rows[0][i] * by[0] + rows[1][i] * by[1] + rows[2][i] * by[2] + rows[3][i] * by[3];
+                }
+            }
+        }
+        let sum =
+            |line: &[f64; 4], by: &[f64; 4]| line[0] * by[0] + line[1] * by[1] + line[2] * by[2] + line[3] * by[3];
+        for u in u {
+            let (bu, su) = (weights(u), slopes(u));
+            let all = |curve: &[[f64; 4]; 4], by: &[f64; 4]| {
+                DVec3::new(sum(&curve[0], by), sum(&curve[1], by), sum(&curve[2], by))
+            };
+            let (mut at, mut du, mut dv) = (all(&curves[0], &bu), all(&curves[0], &su), all(&curves[1], &bu));
+            if self.is_rational() {
+                let over = 1.0 / sum(&curves[0][3], &bu);
+                at *= over;
+                // The lengths of derivatives do not matter.
+                du -= at * sum(&curves[0][3], &su);
+                dv -= at * sum(&curves[1][3], &bu);
+            }
+            emit(at.as_vec3(), du.cross(dv).normalize_or_zero().as_vec3());
+        }
+    }
+
     /// The points at all pairs of three parameters along u and three along v; `u` and `v` end with any fourth one. By
     /// axis, then rows along u; to the bit those of [`Self::point`].
     #[inline(always)]
@@ -237,6 +270,12 @@ impl Computed<'_> {
     fn parameters(&self, level: u32, i: usize, j: usize) -> [f64; 2] {
         let [i, j] = self.index(level, i, j);
         [self.parameter(level, 0, i), self.parameter(level, 1, j)]
+    }
+
+    /// Vertices and unit normals within a row of a grid of a level, without those at both ends.
+    pub fn inner_row(&self, level: u32, j: usize, emit: impl FnMut(Vec3, Vec3)) {
+        let u = (1..1 << level).map(|i| self.parameter(level, 0, i));
+        self.net.row_of(u, self.parameter(level, 1, j), emit);
     }
 
     /// A vertex of a grid of a level.

@@ -62,3 +62,90 @@ pub fn descend([level, column, row]: [u32; 3]) -> Option<(usize, [u32; 3])> {
     let own = (1 << below) - 1;
     Some((child, [below, column & own, row & own]))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geom::surface::cage::CageQuads;
+    use crate::geom::surface::cage::tests::shapes::{Rng, fan, grid, tangle};
+    use crate::geom::surface::dice::Quads;
+    use crate::geom::surface::nurbs::NurbsQuads;
+    use crate::geom::surface::nurbs::tests::{Owned, rng, sphere};
+    use glam::DVec3;
+
+    /// The point of a patch by de Casteljau's algorithm.
+    fn point(patch: &BicubicPatch, u: f64, v: f64) -> DVec3 {
+        let line = |mut p: [DVec4; 4], t: f64| {
+            for last in (0..3).rev() {
+                (0..=last).for_each(|i| p[i] = p[i].lerp(p[i + 1], t));
+            }
+            p[0]
+        };
+        let rows: [DVec4; 4] = std::array::from_fn(|row| line(std::array::from_fn(|i| patch.points[4 * row + i]), u));
+        let p = line(rows, v);
+        assert!(patch.is_rational || p.w == 1.0);
+        p.truncate() / p.w
+    }
+
+    /// Compares patches with samples in squares of all levels up to 8. Returns the share of squares of each level that
+    /// are parts of a patch.
+    fn check<Q: Quads>(quads: &Q, rng: &mut Rng, size: f64) -> Vec<f64> {
+        assert!(quads.has_bicubics());
+        let mut shares = Vec::new();
+        for level in 0..=8u32 {
+            let (mut met, mut all) = (0, 0);
+            for quad in 0..quads.count() {
+                let place = [level, rng.below(1 << level), rng.below(1 << level)];
+                all += 1;
+                let Some(patch) = quads.bicubic(quad, place) else { continue };
+                met += 1;
+                for _ in 0..4 {
+                    let (u, v) = (rng.unit(), rng.unit());
+                    let at = |[level, column, row]: [u32; 3]| {
+                        let scale = 1.0 / f64::from(1u32 << level);
+                        ((f64::from(column) + u) * scale, (f64::from(row) + v) * scale)
+                    };
+                    let ((a, b), (c, d)) = (at(place), at(patch.place));
+                    let (expected, found) = (quads.sample(quad, a, b).position, point(&patch, c, d));
+                    assert!(expected.distance(found) <= 1e-13 * size, "quad {quad}, {place:?}: {expected}, {found}");
+                    let (found, turned) = (point(&patch, c, d), patch.transposed());
+                    assert!(point(&turned, d, c).distance(found) <= 1e-14 * size);
+                }
+            }
+            shares.push(f64::from(met) / f64::from(all.max(1)));
+        }
+        shares
+    }
+
+    #[test]
+    fn patches_of_cages_have_their_points() {
+        let mut rng = Rng(5);
+        let mut shapes = vec![grid(6, &mut rng)];
+        shapes.extend([3, 5, 8].map(|n| fan(n, 2, &mut rng)));
+        shapes.extend((0..12).map(|_| tangle(&mut rng)));
+        for shape in &shapes {
+            let cage = shape.cage();
+            let quads = CageQuads::new(&cage, &shape.points, None).expect("quads");
+            let size = shape.points.iter().map(|p| p.length()).fold(0.0, f64::max);
+            let shares = check(&quads, &mut rng, size);
+            // Squares that are small are beside few vertices.
+            assert!(shares[8] > 0.5, "{shares:?}");
+        }
+    }
+
+    #[test]
+    fn patches_of_nurbs_have_their_points() {
+        let mut random = Rng(7);
+        for number in 0..40 {
+            let owned = if number == 0 { sphere() } else { Owned::random(&mut rng::Rng::new(number), 3, false) };
+            let surface = owned.surface();
+            let size = owned.points.iter().map(|p| p.length()).fold(1.0, f64::max);
+            let domain = surface.domain();
+            let part = domain.map(|[from, to]| [from + 0.3 * (to - from), from + 0.9 * (to - from)]);
+            for domain in [None, Some(part)] {
+                let shares = check(&NurbsQuads::new(&surface, domain), &mut random, 100.0 * size);
+                assert!(shares.iter().all(|share| *share == 1.0));
+            }
+        }
+    }
+}

@@ -87,6 +87,21 @@ impl<'a, Q: Quads> Dicer<'a, Q> {
         }
     }
 
+    /// Fills `out` as [`Self::tile`] does, but for the samples inside of the tile, which are zero.
+    pub fn border(&self, quad: usize, level: u32, tile_level: u32, i: u32, j: u32, out: &mut Tile) {
+        let last = 1usize << tile_level;
+        let [first, low] = [i, j].map(|at| (at as usize) << tile_level);
+        let block = self.block(quad, level, [[first, first + last], [low, low + last]]);
+        out.positions.clear();
+        out.normals.clear();
+        for (column, row) in (0..=last).flat_map(|row| (0..=last).map(move |column| (column, row))) {
+            let is_inside = (1..last).contains(&column) && (1..last).contains(&row);
+            let sample = if is_inside { Sample::default() } else { block.at(first + column, low + row) };
+            out.positions.push(sample.position);
+            out.normals.push(sample.normal.as_vec3());
+        }
+    }
+
     /// A rectangle of a quad's grid, by the first and last index in u and in v.
     pub(super) fn block(
         &self,

@@ -62,6 +62,12 @@ impl Tile {
         (1 << self.level) + 1
     }
 
+    /// True if a vertex is not at the border.
+    pub fn is_inside(&self, number: usize) -> bool {
+        let inside = 1..self.side() - 1;
+        inside.contains(&(number % self.side())) && inside.contains(&(number / self.side()))
+    }
+
     /// The corners of the two triangles of a cell.
     fn triangles_at(&self, i: usize, j: usize) -> [[Vec3; 3]; 2] {
         let at = |i: usize, j: usize| self.positions[j * self.side() + i];

@@ -54,6 +54,24 @@ pub fn computed(tile: &Tile) -> Option<(Vec<u32>, Vec<u32>)> {
     Some((grid, net))
 }
 
+impl Tile {
+    /// Sets the vertices and normals inside of a tile that is a part of a patch.
+    pub fn fill_inside(&mut self) {
+        let Some(patch) = &self.patch else { return };
+        let words = words_of(patch);
+        let Some(net) = Net::at(&words, patch.is_rational) else { return };
+        let computed = Computed { net, net_at: 0, place: patch.place, steps: 0, corrections: &[] };
+        let side = self.side();
+        for j in 1..side - 1 {
+            let mut at = j * side;
+            computed.inner_row(self.level, j, |position, normal| {
+                at += 1;
+                (self.positions[at], self.normals[at]) = (position, normal);
+            });
+        }
+    }
+}
+
 /// True if the normals at the border, where they may be limits, are those of the patch.
 fn has_normals(tile: &Tile, computed: &Computed) -> bool {
     let (side, last) = (tile.side(), tile.side() - 1);
