@@ -199,8 +199,8 @@ fn works<Q: Quads>(quads: &Q, bounds: &DBounds, levels: &[u32]) -> Vec<Work> {
 
 /// Greatest distance that rounding of the coordinates moves a point, as a share of the greatest of them.
 const ROUNDED: f64 = 1.05e-7;
-/// Greatest level of tiles that are stored where they are in several patches: their quarters would take more space.
-const STORED_LEVEL: u32 = 3;
+/// Greatest level of tiles that are not divided: the frames of their quarters would take more space than they save.
+const WHOLE_LEVEL: u32 = 3;
 
 /// Makes tiles.
 struct Maker<'a, Q> {
@@ -282,10 +282,10 @@ impl<Q: Quads> Maker<'_, Q> {
         [0, 1, 2, 3].map(|side| if is_on[side] { steps[side] } else { 0 })
     }
 
-    /// Adds a tile, or its quarters where it is not flat, or too large to be stored and in several patches.
+    /// Adds a tile, or its quarters where it is not flat, or in several patches.
     fn split(&self, mut tile: Tile, quad: usize, made: &mut Made) {
-        let is_large = self.is_computed && tile.patch.is_none() && tile.level > STORED_LEVEL;
-        if tile.level > 1 && (is_large || !tile.is_flat(FLAT.to_radians().cos())) {
+        let is_in_several = self.is_computed && tile.patch.is_none();
+        if tile.level > WHOLE_LEVEL && (is_in_several || !tile.is_flat(FLAT.to_radians().cos())) {
             for number in 0..4 {
                 let mut quarter = tile.quarter(number);
                 if tile.patch.is_none() {
