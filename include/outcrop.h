@@ -441,6 +441,9 @@ typedef oc_status (*oc_resolve_fn)(void *user,
 /** The look of stand-ins: what a picture shows for geometry that is small or not in memory. */
 typedef uint32_t oc_stand_ins;
 
+/** The leaves of surfaces with OC_STRUCTURE_PATCH: how rays that stand-ins do not serve find their triangles. */
+typedef uint32_t oc_surface_leaves;
+
 /** Options of a build. All zeros: suitable for most models. */
 typedef struct oc_build_desc {
     /** Size of this struct in bytes; OC_INIT sets it. */
@@ -540,6 +543,14 @@ typedef struct oc_build_desc {
     const char *displacement_map;
     /** Height of a value of 1 (white) of `displacement_map`, in units of the surface, finite. */
     double displacement_scale;
+    /** One of the OC_SURFACE_LEAVES_ constants. */
+    oc_surface_leaves surface_leaves;
+    /**
+     * With OC_STRUCTURE_PATCH, squares of surfaces with more than 128 triangles are divided while the normals of one are
+     * not within a cone of this opening, in degrees up to 180. Smaller angles give tighter boxes, which take more
+     * memory. 0: 30 degrees.
+     */
+    float surface_flat;
 } oc_build_desc;
 
 /** Material of a part. Colours are linear. All zeros: grey, opaque, matt. */
@@ -1964,8 +1975,9 @@ typedef struct oc_place {
 #define OC_STRUCTURE_BVH 1
 
 /**
- * Surfaces as grids under quadtrees of quantised boxes, about seven bytes of memory for each triangle that they are
- * diced into, if each face has some thousands; some forty if a face has few. Triangles as with OC_STRUCTURE_BVH.
+ * Surfaces as grids under quadtrees of quantised boxes, about a byte of memory for each triangle that they are diced
+ * into, if each face has some ten thousand; some ten if a face has hundreds (see `surface_leaves`). Triangles as with
+ * OC_STRUCTURE_BVH.
  *
  * oc_hit.prim of a hit on a surface is the face, in the order in which the faces of all surfaces were added. The error
  * of exact hits includes `surface_tolerance`. Surfaces keep their own normals if `crease_angle` is below 0 too. Rays
@@ -1993,6 +2005,19 @@ typedef struct oc_place {
  * are always in memory and count in the budget: about 0.3 bytes for each triangle.
  */
 #define OC_STAND_INS_PROXIES 2
+
+/** The library chooses. At present OC_SURFACE_LEAVES_BOXES. */
+#define OC_SURFACE_LEAVES_AUTO 0
+
+/**
+ * Boxes alone are stored: the triangles are computed from the control points where a ray comes to them, at about a byte
+ * of memory for each triangle. Displaced surfaces, surfaces of degrees above 3, and small squares at vertices where the
+ * surface is no polynomial have facets.
+ */
+#define OC_SURFACE_LEAVES_BOXES 1
+
+/** The vertices of all triangles are stored, about seven bytes for each triangle: rays find them sooner. */
+#define OC_SURFACE_LEAVES_FACETS 2
 
 /** float. */
 #define OC_SCALAR_F32 0

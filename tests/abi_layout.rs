@@ -58,7 +58,7 @@ fn layouts() -> Vec<Layout> {
             struct_size, structure, memory_budget, temp_dir, metres_per_unit, up, splits, threads, reserved, resolve,
             resolve_user, trusted_folder, max_triangles, max_bytes, trust_paths, reserved_2,
             crease_angle, stand_ins, proxy_rays, proxy_triangles, surface_tolerance, surface_level, subdivide,
-            displacement_map, displacement_scale,
+            displacement_map, displacement_scale, surface_leaves, surface_flat,
         }
         oc_material { struct_size, colour, opacity, metalness, roughness, reserved }
         oc_part { struct_size, material, id, parent, name, has_parent, reserved }

@@ -90,6 +90,9 @@ impl Builder {
         if options.displacement.as_ref().is_some_and(|map| !map.scale.is_finite()) {
             return Err(Error::bad_argument("the scale of the displacement must be finite"));
         }
+        if !(0.0..=180.0).contains(&options.surface_flat) {
+            return Err(Error::bad_argument("surface_flat must be from 0 to 180 degrees"));
+        }
         if options.proxy_rays > MOST_PROXY_RAYS {
             return Err(Error::bad_argument(format!("proxy_rays must be at most {MOST_PROXY_RAYS}")));
         }

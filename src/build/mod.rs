@@ -110,6 +110,34 @@ impl StandIns {
     }
 }
 
+/// The leaves of surfaces under [`Structure::Patch`]: how rays that stand-ins do not serve find their triangles.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum SurfaceLeaves {
+    /// Boxes alone are stored: the triangles are computed from the control points where a ray comes to them, at about a
+    /// byte of memory for each triangle. Displaced surfaces, surfaces of degrees above 3, and small squares at vertices
+    /// where the surface is no polynomial have facets.
+    #[default]
+    Boxes,
+    /// The vertices of all triangles are stored, about seven bytes for each triangle: rays find them sooner.
+    Facets,
+}
+
+impl SurfaceLeaves {
+    /// All values.
+    pub const ALL: [Self; 2] = [Self::Boxes, Self::Facets];
+
+    /// Name in command lines and benchmarks.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Boxes => "boxes",
+            Self::Facets => "facets",
+        }
+    }
+}
+
+/// Greatest angle between normals of a flat square of a surface unless another is asked for, in degrees.
+pub const SURFACE_FLAT: f32 = 30.0;
+
 /// Options of a build. The default suits most models.
 #[derive(Debug, Clone, Default)]
 pub struct BuildOptions {
@@ -155,6 +183,12 @@ pub struct BuildOptions {
     /// [`crate::import::surfaces::TOLERANCE`] of their extent. With [`Structure::Patch`] a tolerance is part of the
     /// error of exact hits.
     pub dicing: Option<Dicing>,
+    /// The leaves of surfaces under [`Structure::Patch`]. Default: boxes.
+    pub surface_leaves: SurfaceLeaves,
+    /// Under [`Structure::Patch`], squares of surfaces with more than 128 triangles are divided while the normals of
+    /// one are not within a cone of this opening, in degrees up to 180. Smaller angles give tighter boxes, which take
+    /// more memory. 0: [`SURFACE_FLAT`]. Default 0.
+    pub surface_flat: f32,
     /// Faces of OBJ files are the cages of subdivision surfaces. Default: they are polygons.
     pub subdivide: bool,
     /// A map of heights by which these surfaces are moved. Default: none.
@@ -168,6 +202,12 @@ impl BuildOptions {
     /// The crease angle in degrees; below 0 if no normals are made.
     pub fn crease(&self) -> f32 {
         if self.crease_angle == 0.0 { CREASE_ANGLE } else { self.crease_angle }
+    }
+
+    /// The cosine of half the opening of the cone around the normals of a flat square of a surface.
+    pub(crate) fn cosine_of_flat(&self) -> f32 {
+        let opening = if self.surface_flat == 0.0 { SURFACE_FLAT } else { self.surface_flat };
+        (0.5 * opening).to_radians().cos()
     }
 }
 

@@ -4,13 +4,13 @@
 //! Tiles are made a few at a time, on all threads, and their blocks are put aside at once: memory is that of the
 //! surface's control points and of what the tree above blocks takes, whatever the number of triangles.
 
-use super::BuildOptions;
 use super::edges::Edges;
 use super::origin;
 use super::output::{ClassAside, Output, Span};
 use super::parts::Assembly;
 use super::surfaces::{Shape, Surface};
 use super::survey::OfPart;
+use super::{BuildOptions, SurfaceLeaves};
 use crate::base::error::{Error, Result};
 use crate::base::progress::Phase;
 use crate::geom::surface::dice::{BicubicPatch, Dicer, Dicing, Quads, Tile as Samples};
@@ -22,9 +22,6 @@ use glam::{DVec3, Vec3, Vec4};
 use std::collections::BTreeMap;
 use std::time::Instant;
 
-/// Default greatest angle between a normal of a tile and their mean, in degrees: half the opening of the cone of
-/// normals.
-const FLAT: f32 = 15.0;
 /// Tiles that a thread makes at a time, of the greatest level.
 const TILES: usize = 8;
 /// Work that is done before blocks are encoded, in such portions.
@@ -118,7 +115,8 @@ impl Patches<'_> {
             origin,
             colours: &colours,
             is_reversed,
-            is_computed: quads.has_bicubics(),
+            is_computed: self.options.surface_leaves == SurfaceLeaves::Boxes && quads.has_bicubics(),
+            cosine_of_flat: self.options.cosine_of_flat(),
         };
         let levels = par.map(quads.count(), |quad| if cancel.check().is_ok() { dicer.level(quad) } else { 1 });
         cancel.check()?;
@@ -212,6 +210,8 @@ struct Maker<'a, Q> {
     is_reversed: bool,
     /// True if grids are computed where their surface allows it.
     is_computed: bool,
+    /// See [`BuildOptions::surface_flat`].
+    cosine_of_flat: f32,
 }
 
 impl<Q: Quads> Maker<'_, Q> {
@@ -285,7 +285,7 @@ impl<Q: Quads> Maker<'_, Q> {
     /// Adds a tile, or its quarters where it is not flat, or in several patches.
     fn split(&self, mut tile: Tile, quad: usize, made: &mut Made) {
         let is_in_several = self.is_computed && tile.patch.is_none();
-        if tile.level > WHOLE_LEVEL && (is_in_several || !tile.is_flat(FLAT.to_radians().cos())) {
+        if tile.level > WHOLE_LEVEL && (is_in_several || !tile.is_flat(self.cosine_of_flat)) {
             for number in 0..4 {
                 let mut quarter = tile.quarter(number);
                 if tile.patch.is_none() {

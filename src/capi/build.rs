@@ -10,7 +10,7 @@ use super::status::oc_status;
 use crate::base::error::Error;
 use crate::base::output;
 use crate::base::progress::{Cancel, Progress};
-use crate::build::{BuildOptions, Builder, Splits, StandIns, Structure};
+use crate::build::{BuildOptions, Builder, Splits, StandIns, Structure, SurfaceLeaves};
 use crate::import::{Access, Dicing, HeightMap, MeshKey, PartKey, UpAxis};
 use crate::scene::LogLevel;
 use std::collections::HashMap;
@@ -74,8 +74,9 @@ pub type oc_structure = u32;
 pub const OC_STRUCTURE_DEFAULT: oc_structure = 0;
 /// A wide, quantised bounding volume hierarchy. Surfaces are diced into triangles.
 pub const OC_STRUCTURE_BVH: oc_structure = 1;
-/// Surfaces as grids under quadtrees of quantised boxes, about seven bytes of memory for each triangle that they are
-/// diced into, if each face has some thousands; some forty if a face has few. Triangles as with OC_STRUCTURE_BVH.
+/// Surfaces as grids under quadtrees of quantised boxes, about a byte of memory for each triangle that they are diced
+/// into, if each face has some ten thousand; some ten if a face has hundreds (see `surface_leaves`). Triangles as with
+/// OC_STRUCTURE_BVH.
 ///
 /// oc_hit.prim of a hit on a surface is the face, in the order in which the faces of all surfaces were added. The error
 /// of exact hits includes `surface_tolerance`. Surfaces keep their own normals if `crease_angle` is below 0 too. Rays
@@ -100,6 +101,17 @@ pub const OC_STAND_INS_VOXELS: oc_stand_ins = 1;
 /// Subtrees of some hundred triangles have a look from eighteen directions, which all cells in them show. These looks
 /// are always in memory and count in the budget: about 0.3 bytes for each triangle.
 pub const OC_STAND_INS_PROXIES: oc_stand_ins = 2;
+
+/// The leaves of surfaces with OC_STRUCTURE_PATCH: how rays that stand-ins do not serve find their triangles.
+pub type oc_surface_leaves = u32;
+/// The library chooses. At present OC_SURFACE_LEAVES_BOXES.
+pub const OC_SURFACE_LEAVES_AUTO: oc_surface_leaves = 0;
+/// Boxes alone are stored: the triangles are computed from the control points where a ray comes to them, at about a byte
+/// of memory for each triangle. Displaced surfaces, surfaces of degrees above 3, and small squares at vertices where the
+/// surface is no polynomial have facets.
+pub const OC_SURFACE_LEAVES_BOXES: oc_surface_leaves = 1;
+/// The vertices of all triangles are stored, about seven bytes for each triangle: rays find them sooner.
+pub const OC_SURFACE_LEAVES_FACETS: oc_surface_leaves = 2;
 
 /// Options of a build. All zeros: suitable for most models.
 #[repr(C)]
@@ -176,6 +188,12 @@ pub struct oc_build_desc {
     pub displacement_map: *const c_char,
     /// Height of a value of 1 (white) of `displacement_map`, in units of the surface, finite.
     pub displacement_scale: f64,
+    /// One of the OC_SURFACE_LEAVES_ constants.
+    pub surface_leaves: oc_surface_leaves,
+    /// With OC_STRUCTURE_PATCH, squares of surfaces with more than 128 triangles are divided while the normals of one are
+    /// not within a cone of this opening, in degrees up to 180. Smaller angles give tighter boxes, which take more
+    /// memory. 0: 30 degrees.
+    pub surface_flat: f32,
 }
 
 // SAFETY: `repr(C)`, numbers, pointers and a nullable function without padding, `struct_size` first.
@@ -219,6 +237,11 @@ unsafe fn options(desc: &oc_build_desc, context: &ContextObject) -> Checked<Buil
         OC_STAND_INS_VOXELS => StandIns::Voxels,
         OC_STAND_INS_PROXIES => StandIns::Proxies,
         other => return bad(format!("oc_build_desc.stand_ins {other} is unknown")),
+    };
+    let surface_leaves = match desc.surface_leaves {
+        OC_SURFACE_LEAVES_AUTO | OC_SURFACE_LEAVES_BOXES => SurfaceLeaves::Boxes,
+        OC_SURFACE_LEAVES_FACETS => SurfaceLeaves::Facets,
+        other => return bad(format!("oc_build_desc.surface_leaves {other} is unknown")),
     };
     let up = match desc.up {
         0 => None,
@@ -282,6 +305,8 @@ unsafe fn options(desc: &oc_build_desc, context: &ContextObject) -> Checked<Buil
         proxy_rays: desc.proxy_rays,
         proxy_triangles: desc.proxy_triangles,
         dicing,
+        surface_leaves,
+        surface_flat: desc.surface_flat,
         subdivide,
         displacement,
     })

@@ -10,7 +10,7 @@ use crate::common::rng::Rng;
 use crate::common::shapes::{Shape, jumping_heights, own};
 use glam::DVec3;
 use outcrop::base::progress::Cancel;
-use outcrop::build::{BuildOptions, BuildReport, Builder, Structure};
+use outcrop::build::{BuildOptions, BuildReport, Builder, Structure, SurfaceLeaves};
 use outcrop::geom::surface::cage::CagePatches;
 use outcrop::geom::surface::dice::{Dicer, Quads};
 use outcrop::import::surfaces::{CageMesh, Dicing, Displacement, Heights, NurbsMesh, Wrap};
@@ -23,7 +23,16 @@ use outcrop::simd::Isa;
 type Fill<'a> = &'a dyn Fn(&mut Builder);
 
 fn build(structure: Structure, dicing: Dicing, fill: Fill) -> (Built, BuildReport) {
-    let options = BuildOptions { structure, dicing: Some(dicing), ..built::options() };
+    build_leaves(structure, SurfaceLeaves::Boxes, dicing, fill)
+}
+
+fn build_leaves(
+    structure: Structure,
+    surface_leaves: SurfaceLeaves,
+    dicing: Dicing,
+    fill: Fill,
+) -> (Built, BuildReport) {
+    let options = BuildOptions { structure, surface_leaves, dicing: Some(dicing), ..built::options() };
     build_with(options, |builder| fill(builder))
 }
 
@@ -79,26 +88,23 @@ fn same(a: &Hit, b: &Hit, size: f64) -> bool {
 /// The same rays meet the same points of both, with all vector paths.
 fn compare(name: &str, points: &[DVec3], dicing: Dicing, fill: Fill) {
     let (flat, of_flat) = build(Structure::Bvh, dicing, fill);
-    let (patch, of_patch) = build(Structure::Patch, dicing, fill);
+    let [(boxes, of_boxes), (facets, of_facets)] =
+        SurfaceLeaves::ALL.map(|leaves| build_leaves(Structure::Patch, leaves, dicing, fill));
     let rays = rays(points, 6000);
     let expected = asked(&scene(&flat, None).1, &rays);
     let met = expected.iter().filter(|hit| hit.kind == HitKind::Exact).count();
-    for isa in Isa::ALL.into_iter().filter(|isa| isa.is_available()) {
-        let found = asked(&scene(&patch, Some(isa)).1, &rays);
+    let isas = Isa::ALL.into_iter().filter(|isa| isa.is_available());
+    for (patch, isa) in [&boxes, &facets].into_iter().flat_map(|built| isas.clone().map(move |isa| (built, isa))) {
+        let found = asked(&scene(patch, Some(isa)).1, &rays);
         let size = points.iter().map(|p| p.length()).fold(0.0, f64::max);
         let pairs = expected.iter().zip(&found).enumerate();
         let other: Vec<_> = pairs.filter(|(_, (a, b))| !same(a, b, size)).collect();
         // Rays along edges and past silhouettes meet one neighbour or the other.
         assert!(other.len() * 1000 <= rays.len(), "{name}, {isa:?}: {} rays, {:?}", other.len(), other[0]);
     }
-    println!(
-        "{name}: {met} of {} rays meet {} and {} triangles, {} and {} bytes",
-        rays.len(),
-        of_flat.triangles_kept,
-        of_patch.triangles_kept,
-        of_flat.bytes_trace,
-        of_patch.bytes_trace
-    );
+    let triangles = [of_flat.triangles_kept, of_boxes.triangles_kept, of_facets.triangles_kept];
+    let bytes = [of_flat.bytes_trace, of_boxes.bytes_trace, of_facets.bytes_trace];
+    println!("{name}: {met} of {} rays meet {triangles:?} triangles, {bytes:?} bytes", rays.len());
     assert!(met > 100, "{name}: {met} hits");
 }
 

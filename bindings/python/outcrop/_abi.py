@@ -122,7 +122,8 @@ class oc_build_desc(Sized):
         ("trust_paths", c.c_uint32), ("reserved_2", c.c_uint32), ("crease_angle", c.c_float),
         ("stand_ins", c.c_uint32), ("proxy_rays", c.c_uint32), ("proxy_triangles", c.c_uint32),
         ("surface_tolerance", c.c_double), ("surface_level", c.c_uint32), ("subdivide", c.c_uint32),
-        ("displacement_map", c.c_char_p), ("displacement_scale", c.c_double),
+        ("displacement_map", c.c_char_p), ("displacement_scale", c.c_double), ("surface_leaves", c.c_uint32),
+        ("surface_flat", c.c_float),
     ]
 
 

@@ -185,9 +185,9 @@ class Structure(enum.IntEnum):
     BVH = 1
     """A wide, quantised bounding volume hierarchy. Surfaces are diced into triangles."""
     PATCH = 4
-    """Surfaces as grids under quadtrees of quantised boxes, about seven bytes of memory for each triangle that they
-    are diced into, if each face has some thousands; some forty if a face has few. Triangles as with
-    Structure.BVH.
+    """Surfaces as grids under quadtrees of quantised boxes, about a byte of memory for each triangle that they are
+    diced into, if each face has some ten thousand; some ten if a face has hundreds (see `surface_leaves`).
+    Triangles as with Structure.BVH.
 
     Hit.prim of a hit on a surface is the face, in the order in which the faces of all surfaces were added. The
     error of exact hits includes `surface_tolerance`. Surfaces keep their own normals if `crease_angle` is below 0
@@ -232,6 +232,20 @@ class StandIns(enum.IntEnum):
     """Subtrees of some hundred triangles have a look from eighteen directions, which all cells in them show. These
     looks are always in memory and count in the budget: about 0.3 bytes for each triangle.
     """
+
+
+class SurfaceLeaves(enum.IntEnum):
+    """The leaves of surfaces with Structure.PATCH: how rays that stand-ins do not serve find their triangles."""
+
+    AUTO = 0
+    """The library chooses. At present SurfaceLeaves.BOXES."""
+    BOXES = 1
+    """Boxes alone are stored: the triangles are computed from the control points where a ray comes to them, at about
+    a byte of memory for each triangle. Displaced surfaces, surfaces of degrees above 3, and small squares at
+    vertices where the surface is no polynomial have facets.
+    """
+    FACETS = 2
+    """The vertices of all triangles are stored, about seven bytes for each triangle: rays find them sooner."""
 
 
 class Scalar(enum.IntEnum):
@@ -648,8 +662,8 @@ class Format(enum.IntEnum):
 
 __all__ = [
     "Status", "State", "Phase", "LogLevel", "InstructionSet", "ContextFlags", "Property", "CameraKind", "Structure",
-    "Splits", "Resolution", "StandIns", "Scalar", "Index", "Boundary", "Creasing", "TriangleRule", "Wrap", "UpAxis",
-    "PartFlags", "PlacementFlags", "LightKind", "TransformForm", "LookFlags", "PartsFlags", "Want", "QueryFlags",
-    "HitKind", "Side", "CursorFlags", "Holds", "OverlapKind", "ClashDetail", "ClashSkipFlags", "ClashKind",
-    "ClashOpenFlags", "NearestFlags", "View", "Buffer", "FrameFlags", "Format",
+    "Splits", "Resolution", "StandIns", "SurfaceLeaves", "Scalar", "Index", "Boundary", "Creasing", "TriangleRule",
+    "Wrap", "UpAxis", "PartFlags", "PlacementFlags", "LightKind", "TransformForm", "LookFlags", "PartsFlags", "Want",
+    "QueryFlags", "HitKind", "Side", "CursorFlags", "Holds", "OverlapKind", "ClashDetail", "ClashSkipFlags",
+    "ClashKind", "ClashOpenFlags", "NearestFlags", "View", "Buffer", "FrameFlags", "Format",
 ]

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from . import _abi
 from ._enums import (
     CameraKind, ClashKind, ClashOpenFlags, FrameFlags, HitKind, Holds, LightKind, LookFlags, OverlapKind, PartFlags,
-    PartsFlags, Phase, Side, Splits, StandIns, State, Status, Structure, UpAxis, View,
+    PartsFlags, Phase, Side, Splits, StandIns, State, Status, Structure, SurfaceLeaves, UpAxis, View,
 )
 from ._value import Value, Vector
 
@@ -188,6 +188,13 @@ class BuildOptions(Value):
     """
     displacement_scale: float = 0.0
     """Height of a value of 1 (white) of `displacement_map`, in units of the surface, finite."""
+    surface_leaves: SurfaceLeaves = SurfaceLeaves(0)
+    """One of the SurfaceLeaves constants."""
+    surface_flat: float = 0.0
+    """With Structure.PATCH, squares of surfaces with more than 128 triangles are divided while the normals of one
+    are not within a cone of this opening, in degrees up to 180. Smaller angles give tighter boxes, which take
+    more memory. 0: 30 degrees.
+    """
 
 
 @dataclass

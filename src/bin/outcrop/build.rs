@@ -3,7 +3,7 @@
 use crate::common::{self, Outcome};
 use crate::output::Destination;
 use outcrop::base::progress::Progress;
-use outcrop::build::{BuildOptions, BuildReport, Builder, MOST_PROXY_RAYS, Splits, StandIns, Structure};
+use outcrop::build::{BuildOptions, BuildReport, Builder, MOST_PROXY_RAYS, Splits, StandIns, Structure, SurfaceLeaves};
 use outcrop::import::surfaces::{Dicing, HeightMap, MOST_LEVEL};
 use outcrop::import::{Access, UpAxis};
 use serde_json::{Value, json};
@@ -87,6 +87,14 @@ pub struct Args {
     #[arg(long, value_name = "N", conflicts_with = "tolerance",
         value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_LEVEL)))]
     level: Option<u32>,
+    /// With patch: triangles of surfaces are computed from control points where a ray comes to them, at about a byte for
+    /// each (boxes), or their vertices are stored (facets)
+    #[arg(long, default_value = "boxes", value_parser = common::one_of(SurfaceLeaves::ALL, SurfaceLeaves::name))]
+    leaves: SurfaceLeaves,
+    /// With patch: squares of surfaces are divided while their normals are not within a cone of this opening, at most
+    /// 180 degrees. 0: 30
+    #[arg(long, value_name = "DEGREES", default_value = "0")]
+    flat: f32,
     /// Print one JSON object
     #[arg(long)]
     json: bool,
@@ -117,6 +125,8 @@ pub fn run(args: &Args) -> Outcome {
         proxy_rays: args.proxy_rays.unwrap_or(0),
         proxy_triangles: args.proxy_triangles,
         dicing: args.level.map(Dicing::Level).or(args.tolerance.map(Dicing::Tolerance)),
+        surface_leaves: args.leaves,
+        surface_flat: args.flat,
         subdivide: args.subdivide,
         displacement: args.displace.clone().map(|path| HeightMap { path, scale: args.scale.unwrap_or(1.0) }),
     };
