@@ -109,6 +109,7 @@ fn layouts() -> Vec<Layout> {
         oc_hit_f32 { t, normal, uv, part, instance, prim, kind }
         oc_query_f32 { struct_size, want, flags, reserved, rays, columns, count, stride }
         oc_triangle { corners, part, prim, normals, reserved }
+        oc_surface_point { position, du, dv, normal, curvatures, kind, corner }
         oc_node {
             struct_size, tree, child_count, triangle_count, leaf_children, part, bounds_min, bounds_max, children,
             child_bounds,

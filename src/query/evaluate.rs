@@ -3,17 +3,15 @@
 use super::answers::clamped_weights;
 use super::batch::Policy;
 use super::hit::{Hit, HitKind};
-use super::located::{Blocks, Located};
+use super::located::{Located, locate};
 use crate::base::error::Result;
 use crate::base::ids::BlockId;
 use crate::base::inside_read::refuse_inside_read;
 use crate::base::memory::room;
 use crate::base::progress::Cancel;
-use crate::base::tasks::Work;
 use crate::scene::SceneState;
 use crate::structure::TriHit;
 use glam::DVec3;
-use std::sync::{Mutex, PoisonError};
 
 /// Where the values of a [`SurfaceAt`] come from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -80,7 +78,7 @@ impl SurfaceAt {
     fn of(at: &Located) -> std::result::Result<Self, BlockId> {
         let [u, v] = clamped_weights(&at.triangle.vertices, at.at).map(|weight| weight as f32);
         let hit = TriHit { u, v, ..*at.hit };
-        let local = at.view.shading_point(&hit)?.ok_or(at.view.block_of(&hit))?;
+        let local = at.tree.shading_point(&hit)?.ok_or(at.tree.block_of(&hit))?;
         let point = local.mapped(&at.placed.frame(), at.placed.world_normal(local.normal));
         Ok(Self {
             // The sum of the tree's origin comes last, as far from zero a product would lose digits.
@@ -90,80 +88,36 @@ impl SurfaceAt {
             normal: point.normal,
             curvatures: point.curvatures(),
             kind: if point.is_surface { Evaluated::Surface } else { Evaluated::Triangle },
-            corner: at.view.parameters(&hit).map_or(0, |it| it.corner),
+            corner: at.tree.parameters(&hit).map_or(0, |it| it.corner),
         })
     }
 }
-
-/// Hits that one task evaluates.
-const CHUNK: usize = 256;
 
 impl SceneState {
     /// Evaluates the surface at each hit: position, derivatives by the parameters of the hit, shading normal and
     /// principal curvatures, in world space. The order is that of `hits`.
     ///
-    /// A hit on a triangle needs its position, and the ids of instance, part and primitive
+    /// A hit of kind [`HitKind::Exact`] needs its position, and the ids of instance, part and primitive
     /// ([`Want::ALL`](super::Want::ALL) has them); it is found by these, first in the placed tree of its occurrence.
     /// Hits on stand-ins and misses are no failure: see [`Evaluated`].
     ///
     /// With [`Policy::Exact`] the call reads what is not in memory; with [`Policy::Now`] it neither waits nor reads.
-    /// Blocks; thread-safe. Fails with `BadArgument`, which names the hit, if a hit of kind [`HitKind::Exact`] is not
-    /// on a triangle of this scene or lacks one of these members; with `NoMemory`, `Io`, `Corrupt`, `Cancelled`.
+    /// Blocks; thread-safe. Fails with `BadArgument`, which names the hit, if an exact hit is not on a triangle of this
+    /// scene or lacks one of these members; with `NoMemory`, `Io`, `Corrupt`, `Cancelled`.
     pub fn evaluate(&self, hits: &[Hit], policy: Policy, cancel: &Cancel) -> Result<Vec<SurfaceAt>> {
         refuse_inside_read()?;
         let mut out = room(hits.len(), "points of surfaces")?;
-        out.resize(hits.len(), SurfaceAt::NOTHING);
-        // All that is in memory is evaluated in parallel. The reserve for reading has one user at a time.
-        let chunks = hits.chunks(CHUNK).zip(out.chunks_mut(CHUNK)).zip((0..).step_by(CHUNK));
-        let chunks: Vec<_> = chunks.map(|((hits, out), first)| Mutex::new(Chunk { first, hits, out })).collect();
-        let batch = Batch { scene: self, cancel, chunks };
-        self.context().pool().run_scoped(batch.chunks.len(), &batch).into_result()?;
-        if policy == Policy::Exact {
-            let mut blocks = Blocks::new(self, policy, cancel);
-            for (i, hit) in hits.iter().enumerate() {
-                if out[i].kind == Evaluated::Missing && hit.kind == HitKind::Exact {
-                    out[i] = self.at(i, hit, &mut blocks)?;
-                }
-            }
-        }
-        Ok(out)
-    }
-
-    fn at(&self, number: usize, hit: &Hit, blocks: &mut Blocks) -> Result<SurfaceAt> {
-        Ok(match hit.kind {
+        out.extend(hits.iter().map(|hit| match hit.kind {
             HitKind::Miss => SurfaceAt::NOTHING,
             HitKind::Lod => SurfaceAt::of_hit(hit, Evaluated::StandIn),
-            HitKind::Missing => SurfaceAt::of_hit(hit, Evaluated::Missing),
-            HitKind::Exact => match self.find(number, hit, blocks, &SurfaceAt::of)? {
-                Some(found) => found,
-                None => SurfaceAt::of_hit(hit, Evaluated::Missing),
-            },
-        })
-    }
-}
-
-/// Some hits, and their values.
-struct Chunk<'a> {
-    first: usize,
-    hits: &'a [Hit],
-    out: &'a mut [SurfaceAt],
-}
-
-struct Batch<'a> {
-    scene: &'a SceneState,
-    cancel: &'a Cancel,
-    /// Each is used by one task.
-    chunks: Vec<Mutex<Chunk<'a>>>,
-}
-
-impl Work for Batch<'_> {
-    fn run(&self, item: usize) -> Result<()> {
-        let mut chunk = self.chunks[item].lock().unwrap_or_else(PoisonError::into_inner);
-        let Chunk { first, hits, out } = &mut *chunk;
-        let mut blocks = Blocks::new(self.scene, Policy::Now, self.cancel);
-        for (i, (hit, out)) in hits.iter().zip(out.iter_mut()).enumerate() {
-            *out = self.scene.at(*first + i, hit, &mut blocks)?;
+            HitKind::Missing | HitKind::Exact => SurfaceAt::of_hit(hit, Evaluated::Missing),
+        }));
+        let numbered = (0..).zip(hits).filter(|(_, hit)| hit.kind == HitKind::Exact);
+        let sought: Vec<u32> = numbered.map(|(number, _)| number).collect();
+        let found = locate(self, (hits, &sought), policy, cancel, &SurfaceAt::of)?;
+        for (number, found) in sought.into_iter().zip(found) {
+            out[number as usize] = found.unwrap_or(out[number as usize]);
         }
-        Ok(())
+        Ok(out)
     }
 }

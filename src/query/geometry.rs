@@ -2,7 +2,7 @@
 
 use super::batch::Policy;
 use super::hit::Hit;
-use super::located::{Blocks, Located};
+use super::located::{Located, locate};
 use crate::base::error::{Error, Result};
 use crate::base::ids::BlockId;
 use crate::base::inside_read::refuse_inside_read;
@@ -290,17 +290,16 @@ impl SceneState {
     /// `Cancelled`.
     pub fn triangles(&self, hits: &[Hit], cancel: &Cancel) -> Result<Vec<StoredTriangle>> {
         refuse_inside_read()?;
-        hits.iter().enumerate().map(|(i, hit)| self.triangle(i, hit, cancel)).collect()
-    }
-
-    fn triangle(&self, number: usize, hit: &Hit, cancel: &Cancel) -> Result<StoredTriangle> {
-        let found = self.find(number, hit, &mut Blocks::new(self, Policy::Exact, cancel), &|at: &Located| {
-            let normals = at.view.normals(at.hit)?;
+        let all: Vec<u32> = (0..hits.len() as u32).collect();
+        let found = locate(self, (hits, &all), Policy::Exact, cancel, &|at: &Located| {
+            let normals = at.tree.normals(at.hit)?;
             let frame = at.placed.frame();
             let is_plain = at.placed.only_shifted().is_some();
             let place = Place3 { matrix: frame.matrix3, offset: frame.translation, is_plain };
-            Ok(place.stored(at.triangle, normals, [hit.part, hit.prim]))
+            let Hit { part, prim, .. } = hits[at.index];
+            Ok(place.stored(at.triangle, normals, [part, prim]))
         })?;
-        found.ok_or_else(|| Error::Internal("a search that reads lacks blocks".into()))
+        let lost = || Error::Internal("a search that reads has found nothing".into());
+        found.into_iter().map(|found| found.ok_or_else(lost)).collect()
     }
 }
