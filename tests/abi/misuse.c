@@ -2046,7 +2046,7 @@ static void frames(oc_context *c, oc_scene *s0) {
     INVALID(oc_frame_create(c, &desc, &f));
     target.row_pitch = UINT64_MAX;
     INVALID(oc_frame_create(c, &desc, &f));
-    target.row_pitch = 20, target.buffer = 11;
+    target.row_pitch = 20, target.buffer = 12;
     INVALID(oc_frame_create(c, &desc, &f));
     target.buffer = 0, target.reserved = 1;
     INVALID(oc_frame_create(c, &desc, &f));
@@ -2149,7 +2149,7 @@ static void frames(oc_context *c, oc_scene *s0) {
     OK(oc_frame_pick_near(f, 3, 2, 32, &hit));
     INVALID(oc_frame_map(NULL, 0, &pixels));
     INVALID(oc_frame_map(f, 0, NULL));
-    INVALID(oc_frame_map(f, 11, &pixels));
+    INVALID(oc_frame_map(f, 12, &pixels));
     INVALID(oc_frame_map(f, 0xffffffff, &pixels));
     EXPECT(OC_STATUS_INVALID_STATE, oc_frame_map(f, OC_BUFFER_DEPTH, &pixels)); /* not kept */
     GARBAGE_SIZES(oc_pixels, oc_frame_map(f, 0, s));
