@@ -1,7 +1,7 @@
 // Builds two smooth surfaces from memory: a creased subdivision cage, and a NURBS vase, both as triangles and as grids
-// (OC_STRUCTURE_PATCH). Prints the triangles into which they are diced at several tolerances, and their bytes in memory.
-// Looks for cracks with rays from the inside, clicks on a face of the cage, prints how the surface bends there, and writes a
-// picture. Fails if a ray leaves the closed surface.
+// (OC_STRUCTURE_PATCH). Prints the triangles into which they are diced at several tolerances, and their bytes in
+// memory. Looks for cracks with rays from the inside, clicks on a face of the cage, prints how the surface bends there,
+// and writes a picture. Fails if a ray leaves the closed surface.
 //
 //     12_surfaces NAME PICTURE.png          (writes NAME_0.oc to NAME_2.oc, and NAME_triangles.oc)
 #include <outcrop.hpp>

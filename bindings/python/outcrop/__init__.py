@@ -52,10 +52,10 @@ from ._views import camera_frustum, camera_ray
 
 __all__ = [
     "ALL_THREADS", "CLASH", "CROSSING", "ClashJob", "HEADER_VERSION", "HIT", "HIT_F32", "NEAREST_POINT", "NODE",
-    "NODE_TRIANGLE", "NO_ID", "NO_INDEX", "OVERLAP", "PART_AT", "PLACE", "PLANE", "RAY", "SURFACE_POINT", "TREE_PLACE",
-    "TRIANGLE", "ArgumentError", "Build", "BuildJob", "BuildReport", "Cancelled", "Context", "Cursor", "Error", "Frame", "Hit",
-    "InputError", "InternalError", "Job", "LimitError", "MachineError", "Mesh", "Model", "PartSet", "Picture",
-    "Ragged", "Reader", "Resolver", "Scene", "StateError", "VersionError", "__version__", "camera_frustum",
-    "camera_ray", "empty_hits", "library_path", "live", "rays",
+    "NODE_TRIANGLE", "NO_ID", "NO_INDEX", "OVERLAP", "PART_AT", "PLACE", "PLANE", "RAY", "SURFACE_POINT",
+    "TREE_PLACE", "TRIANGLE", "ArgumentError", "Build", "BuildJob", "BuildReport", "Cancelled", "Context", "Cursor",
+    "Error", "Frame", "Hit", "InputError", "InternalError", "Job", "LimitError", "MachineError", "Mesh", "Model",
+    "PartSet", "Picture", "Ragged", "Reader", "Resolver", "Scene", "StateError", "VersionError", "__version__",
+    "camera_frustum", "camera_ray", "empty_hits", "library_path", "live", "rays",
     *_enums.__all__, *_values.__all__,
 ]

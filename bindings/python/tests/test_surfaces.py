@@ -136,14 +136,16 @@ def test_files_of_cages(context: outcrop.Context, tmp_path: Path) -> None:
 def test_spheres_are_evaluated(context: outcrop.Context, tmp_path: Path) -> None:
     """A scaled sphere of triangles: points, derivatives and curvatures of an ellipsoid at its ends."""
     side = 48
-    z, turn = numpy.meshgrid(numpy.linspace(0, numpy.pi, side), numpy.linspace(0, 2 * numpy.pi, 2 * side), indexing="ij")
-    points = numpy.stack([numpy.sin(z) * numpy.cos(turn), numpy.sin(z) * numpy.sin(turn), numpy.cos(z)], 2).reshape(-1, 3)
+    down, turn = numpy.linspace(0, numpy.pi, side)[:, None], numpy.linspace(0, 2 * numpy.pi, 2 * side)
+    ring = numpy.sin(down)
+    ball = ring * numpy.cos(turn), ring * numpy.sin(turn), numpy.cos(down) + 0 * turn
+    points = numpy.stack(ball, 2).reshape(-1, 3)
     at = numpy.arange(points.shape[0]).reshape(side, 2 * side)
     a, b, c, d = at[:-1, :-1], at[1:, :-1], at[1:, 1:], at[:-1, 1:]
     faces = numpy.concatenate([numpy.stack(one, 2).reshape(-1, 3) for one in ((a, b, c), (a, c, d))])
     context.build(tmp_path / "ball.oc", outcrop.Mesh(points, faces, normals=points, name="ball", id=1))
     with context.open(tmp_path / "ball.oc") as model, context.scene() as scene:
-        scene.add(model, 7, numpy.diag([2.0, 1.0, 3.0, 1.0]))
+        scene.add(7, model, numpy.diag([2.0, 1.0, 3.0, 1.0]))
         scene.commit()
         eyes = numpy.array([(9, 0.01, 0.02), (0.02, 9, 0.01), (99, 99, 99)])
         hits = scene.closest(eyes, numpy.array([(-1, 0, 0), (0, -1, 0), (1, 0, 0)]))
