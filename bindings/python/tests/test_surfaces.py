@@ -148,7 +148,7 @@ def test_spheres_are_evaluated(context: outcrop.Context, tmp_path: Path) -> None
         scene.add(7, model, numpy.diag([2.0, 1.0, 3.0, 1.0]))
         scene.commit()
         eyes = numpy.array([(9, 0.01, 0.02), (0.02, 9, 0.01), (99, 99, 99)])
-        hits = scene.closest(eyes, numpy.array([(-1, 0, 0), (0, -1, 0), (1, 0, 0)]))
+        hits = scene.closest(eyes, numpy.array([(-1, 0, 0), (0, -1, 0), (1, 0, 0)], float))
         found = scene.evaluate(hits)
         assert found.dtype == outcrop.SURFACE_POINT and found.shape == (3,)
         kinds = outcrop.Evaluated.TRIANGLE, outcrop.Evaluated.TRIANGLE, outcrop.Evaluated.NOTHING
