@@ -83,8 +83,8 @@ fn outward_on_torus(p: DVec3) -> (DVec3, [f64; 2]) {
     (outward, [around.max(-1.0), around.min(-1.0)])
 }
 
-/// Curvatures of diced surfaces approach those of the surface as levels rise: with `patch` as the square of the cells,
-/// with `bvh` as near as its rounded normals allow.
+/// Curvatures of diced surfaces approach those of the surface as levels rise: with `patch` as the size of the cells, with
+/// `bvh` as near as its rounded normals allow.
 #[test]
 fn curvatures_of_diced_surfaces_converge() {
     let (context, place) = (built::context(2), DAffine3::IDENTITY);
@@ -106,8 +106,9 @@ fn curvatures_of_diced_surfaces_converge() {
                 let (usual, most) = (errors[errors.len() * 9 / 10], errors[errors.len() - 1]);
                 println!("{name} {structure:?} level {level}: {usual:.5}, at most {most:.5}");
                 if structure == Structure::Patch {
-                    // Normals are coded to some 1e-4, over cells of a twentieth.
-                    assert!(usual < (before / 2.5).max(0.003) && usual < 0.05, "{usual} after {before}");
+                    // Over a cell the curvature of a torus changes in proportion to the size of the cell. Normals are
+                    // coded to some 1e-4, over cells of a twentieth.
+                    assert!(usual < (before / 1.6).max(0.003) && usual < 0.05, "{usual} after {before}");
                     assert!(most < 4.0 * usual.max(0.003), "{most}");
                 } else {
                     assert!(usual < 0.15, "{usual}");
