@@ -30,7 +30,8 @@ pub const OC_EVALUATED_MISSING: oc_evaluated = 4;
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct oc_surface_point {
-    /// The point of the surface or of the triangle, within the rounding error of `oc_hit.position`.
+    /// The point of the surface, off `oc_hit.position` by up to the tolerance of dicing; or of the triangle, off by its
+    /// rounding error.
     pub position: [f64; 3],
     /// First derivative by the first of `oc_hit.uv`. These parameters are u and v in the face on a surface with
     /// OC_STRUCTURE_PATCH, otherwise the weights of the triangle's second and third corner: `du` is then the edge from

@@ -34,7 +34,7 @@ pub enum Evaluated {
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[repr(C)]
 pub struct SurfaceAt {
-    /// The point.
+    /// The point; of a surface off [`Hit::position`] by up to the tolerance of dicing.
     pub position: DVec3,
     /// First derivative by the first parameter of [`Hit::uv`].
     pub du: DVec3,
