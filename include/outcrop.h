@@ -1239,7 +1239,10 @@ typedef uint32_t oc_evaluated;
 
 /** A point of a surface, in world space. Element of an array. */
 typedef struct oc_surface_point {
-    /** The point of the surface or of the triangle, within the rounding error of `oc_hit.position`. */
+    /**
+     * The point of the surface, off `oc_hit.position` by up to the tolerance of dicing; or of the triangle, off by its
+     * rounding error.
+     */
     double position[3];
     /**
      * First derivative by the first of `oc_hit.uv`. These parameters are u and v in the face on a surface with

@@ -524,7 +524,9 @@ class SurfacePoint(Value):
     _struct = _abi.oc_surface_point
 
     position: Vector = (0.0, 0.0, 0.0)
-    """The point of the surface or of the triangle, within the rounding error of `Hit.position`."""
+    """The point of the surface, off `Hit.position` by up to the tolerance of dicing; or of the triangle, off by its
+    rounding error.
+    """
     du: Vector = (0.0, 0.0, 0.0)
     """First derivative by the first of `Hit.uv`. These parameters are u and v in the face on a surface with
     Structure.PATCH, otherwise the weights of the triangle's second and third corner: `du` is then the edge from
