@@ -1,7 +1,7 @@
 // Builds two smooth surfaces from memory: a creased subdivision cage, and a NURBS vase, both as triangles and as grids
-// (OC_STRUCTURE_PATCH). Prints the triangles into which they are diced at several tolerances, and their bytes in memory.
-// Looks for cracks with rays from the inside, clicks on a face of the cage, and writes a picture. Fails if a ray leaves
-// the closed surface.
+// (OC_STRUCTURE_PATCH). Prints the triangles into which they are diced at several tolerances, and their bytes in
+// memory. Looks for cracks with rays from the inside, clicks on a face of the cage, prints how the surface bends there,
+// and writes a picture. Fails if a ray leaves the closed surface.
 //
 //     12_surfaces NAME PICTURE.png          (writes NAME_0.oc to NAME_2.oc, and NAME_triangles.oc)
 #include <outcrop.hpp>
@@ -182,6 +182,11 @@ void run(const std::string &name, const char *picture) {
     std::printf("a click: face %llu of the cage, normal %.3f %.3f %.3f\n",
                 static_cast<unsigned long long>(clicked.prim), double(clicked.shading_normal[0]),
                 double(clicked.shading_normal[1]), double(clicked.shading_normal[2]));
+    const oc_surface_point bend = scene.evaluate({clicked}).at(0);
+    std::printf("the surface bends by %.3f and %.3f there: radii of %.2f and %.2f\n", bend.curvatures[0],
+                bend.curvatures[1], 1 / bend.curvatures[0], 1 / bend.curvatures[1]);
+    // Seen from outside a surface that bulges bends away from its normal.
+    if (bend.curvatures[1] >= 0) throw std::runtime_error("the box is hollow where it was clicked");
     const outcrop::pixels pixels = frame.map(OC_BUFFER_COLOUR_SRGB8);
     std::vector<unsigned char> bytes;
     for (std::uint32_t y = 0; y < HEIGHT; y++) {

@@ -1127,7 +1127,7 @@ typedef struct oc_hit {
      * Barycentric weights of the triangle's second and third corner. On a surface with OC_STRUCTURE_PATCH the
      * parameters u and v in the face, from 0 to 1, also of a stand-in of one face: those of its middle. u runs along
      * the first edge of a face of four corners; other faces consist of a quad at each corner, in which the parameters
-     * are. A stand-in of several faces: 0. Miss: 0.
+     * are (`oc_surface_point.corner` says in which). A stand-in of several faces: 0. Miss: 0.
      */
     float uv[2];
     /** An original surface lies within this distance of `position`, in world units. Miss: 0. */
@@ -1233,6 +1233,46 @@ typedef struct oc_triangle {
     /** Always 0. */
     uint32_t reserved;
 } oc_triangle;
+
+/** Where the members of oc_surface_point come from. */
+typedef uint32_t oc_evaluated;
+
+/** A point of a surface, in world space. Element of an array. */
+typedef struct oc_surface_point {
+    /**
+     * The point of the surface, off `oc_hit.position` by up to the tolerance of dicing; or of the triangle, off by its
+     * rounding error.
+     */
+    double position[3];
+    /**
+     * First derivative by the first of `oc_hit.uv`. These parameters are u and v in the face on a surface with
+     * OC_STRUCTURE_PATCH, otherwise the weights of the triangle's second and third corner: `du` is then the edge from
+     * the first to the second corner, `dv` that to the third.
+     */
+    double du[3];
+    /** First derivative by the second of `oc_hit.uv`. */
+    double dv[3];
+    /**
+     * Unit normal with which the surface is shaded, interpolated on triangles. It does not depend on the ray: it is on
+     * the outer side of a mesh whose corners appear counter-clockwise from outside, also where an instance is
+     * mirrored. Turn it to the eye by its sign with `oc_hit.normal`. 0 for a triangle without an area.
+     */
+    double normal[3];
+    /**
+     * Principal curvatures in units of 1 / length, the larger one first: positive where the surface bends towards
+     * `normal`, so both are -1 / r on the outside of a sphere of radius r. On triangles they are those of a surface
+     * with the interpolated normals, which approach the true ones as triangles become finer, and 0 where the model
+     * has no normals.
+     */
+    double curvatures[2];
+    /** One of the OC_EVALUATED_ constants. */
+    oc_evaluated kind;
+    /**
+     * A face with other than four corners consists, with OC_STRUCTURE_PATCH, of a quad at each: the number of the
+     * corner, from 0, in whose quad the hit's parameters are. Otherwise 0.
+     */
+    uint32_t corner;
+} oc_surface_point;
 
 /** The side of a triangle. */
 typedef uint32_t oc_side;
@@ -2200,6 +2240,24 @@ typedef struct oc_place {
  */
 #define OC_QUERY_NOW 2
 
+/** The hit is a miss: `position` is infinite, all other members are 0. */
+#define OC_EVALUATED_NOTHING 0
+
+/** The surface, evaluated at the parameters of the hit. */
+#define OC_EVALUATED_SURFACE 1
+
+/** A triangle, and the normals at its corners. */
+#define OC_EVALUATED_TRIANGLE 2
+
+/** The hit is OC_HIT_LOD: `position` and `normal` are those of the hit, all other members are 0. */
+#define OC_EVALUATED_STAND_IN 3
+
+/**
+ * The hit is OC_HIT_MISSING, or with OC_QUERY_NOW the data of its triangle is not in memory. Members as for
+ * OC_EVALUATED_STAND_IN.
+ */
+#define OC_EVALUATED_MISSING 4
+
 /** The side from which the corners appear counter-clockwise. There a ray enters a solid whose triangles face outward. */
 #define OC_SIDE_FRONT 1
 
@@ -2388,6 +2446,9 @@ typedef struct oc_place {
  */
 #define OC_BUFFER_OCCURRENCE 10
 
+/** 2 floats: as oc_hit.uv of the ray through the pixel's centre. Miss: 0. */
+#define OC_BUFFER_UV 11
+
 /** 4 bytes. */
 #define OC_FORMAT_U8X4 1
 
@@ -2405,6 +2466,9 @@ typedef struct oc_place {
 
 /** 1 byte. */
 #define OC_FORMAT_U8 6
+
+/** 2 floats. */
+#define OC_FORMAT_F32X2 7
 
 #ifdef __cplusplus
 extern "C" {
@@ -3673,6 +3737,39 @@ oc_status oc_scene_triangles(const struct oc_scene *scene,
                              uint64_t count,
                              uint64_t hit_stride,
                              struct oc_triangle *out_triangles);
+
+/**
+ * Evaluates the surfaces at hits, in world space: for deferred shading, for texture footprints, or to show how a
+ * surface bends under the cursor.
+ *
+ * - `hits`: hits of oc_scene_closest or oc_frame_pick in this scene. Those of kind OC_HIT_EXACT need `position`,
+ *   `part`, `instance` and `prim`; with `occurrence` they are found sooner, and on the right one of coincident
+ *   meshes. Stand-ins and misses may be among them.
+ * - `count`: number of hits.
+ * - `hit_stride`: bytes from one hit to the next. 0: tightly packed.
+ * - `flags`: 0, or OC_QUERY_NOW: the call answers from the data in memory; it neither waits nor reads.
+ * - `out_points`: receives one point for each hit. Do not use it if the call fails.
+ * - `point_stride`: bytes from one point to the next. 0: tightly packed.
+ *
+ * Errors:
+ * - OC_STATUS_INVALID_ARGUMENT: an exact hit has not all of these members, or no triangle of the committed scene has
+ *   its ids at its position, for instance after a commit that moved it. A hit has an unknown kind; a flag is unknown.
+ *   The message names the hit's number.
+ * - OC_STATUS_IO, OC_STATUS_CORRUPT: a block cannot be read.
+ *
+ * Performance: what is in memory is evaluated by all threads of the context. Hits whose data must be read are
+ * evaluated one by one.
+ *
+ * Thread safety: any thread. Blocks; may read the disk without OC_QUERY_NOW.
+ */
+OC_API
+oc_status oc_scene_evaluate(const struct oc_scene *scene,
+                            const struct oc_hit *hits,
+                            uint64_t count,
+                            uint64_t hit_stride,
+                            oc_query_flags flags,
+                            struct oc_surface_point *out_points,
+                            uint64_t point_stride);
 
 /**
  * Finds all surfaces that rays cross, in order: nearest first, and at equal `t` by part, instance and `prim`.

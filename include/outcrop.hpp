@@ -554,6 +554,11 @@ class scene : public scene_handle {
         check(oc_scene_triangles(get(), hits.data(), hits.size(), 0, found.data()));
         return found;
     }
+    std::vector<oc_surface_point> evaluate(const std::vector<oc_hit> &hits, oc_query_flags flags = 0) const {
+        std::vector<oc_surface_point> found(hits.size());
+        check(oc_scene_evaluate(get(), hits.data(), hits.size(), 0, flags, found.data(), 0));
+        return found;
+    }
     std::vector<oc_overlap> overlap_frustum(const std::vector<oc_plane> &planes) const {
         std::uint64_t count = 0;
         check(oc_scene_overlap_frustum(get(), planes.data(), planes.size(), nullptr, 0, &count));

@@ -25,6 +25,7 @@ const SOURCES: &[&str] = &[
     "query.rs",
     "query_f32.rs",
     "geometry.rs",
+    "evaluate.rs",
     "crossings.rs",
     "cursor.rs",
     "inside.rs",

@@ -7,6 +7,7 @@ use outcrop::capi::contents::{oc_material, oc_part};
 use outcrop::capi::context::{oc_context_desc, oc_executor};
 use outcrop::capi::crossings::oc_crossing;
 use outcrop::capi::cursor::{oc_node, oc_node_triangle, oc_tree_place};
+use outcrop::capi::evaluate::oc_surface_point;
 use outcrop::capi::fit::{oc_fit, oc_part_ref};
 use outcrop::capi::frame::{oc_frame_accuracy, oc_frame_desc, oc_frame_settings};
 use outcrop::capi::geometry::oc_triangle;
@@ -109,6 +110,7 @@ fn layouts() -> Vec<Layout> {
         oc_hit_f32 { t, normal, uv, part, instance, prim, kind }
         oc_query_f32 { struct_size, want, flags, reserved, rays, columns, count, stride }
         oc_triangle { corners, part, prim, normals, reserved }
+        oc_surface_point { position, du, dv, normal, curvatures, kind, corner }
         oc_node {
             struct_size, tree, child_count, triangle_count, leaf_children, part, bounds_min, bounds_max, children,
             child_bounds,

@@ -7,6 +7,8 @@ mod bfr;
 mod built;
 #[path = "surfaces/deep.rs"]
 mod deep;
+#[path = "surfaces/evaluated.rs"]
+mod evaluated;
 #[path = "surfaces/patches.rs"]
 mod patches;
 #[path = "surfaces/refined.rs"]

@@ -11,7 +11,7 @@ use crate::base::inside_read::refuse_inside_read;
 use crate::base::progress::Cancel;
 use crate::query::{Hit, PartReader, StoredTriangle};
 use bytemuck::must_cast;
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 use std::sync::{Mutex, PoisonError};
 
 /// A triangle with all that is stored of it. Element of an array.
@@ -193,8 +193,9 @@ pub unsafe extern "C" fn oc_scene_triangles(
             let state = scene.scene.state();
             // The number fits `usize`: the hits are in memory.
             for first in (0..count as usize).step_by(BATCH) {
-                let batch: Vec<Hit> = (first..(count as usize).min(first + BATCH)).map(|i| of_c(hits.get(i))).collect();
-                let found = state.triangles(&batch, &Cancel::new()).map_err(|error| at(error, first))?;
+                let batch: Vec<Hit> =
+                    (first..(count as usize).min(first + BATCH)).map(|i| hit_of_c(hits.get(i))).collect();
+                let found = state.triangles(&batch, &Cancel::new()).map_err(|error| in_batch(error, first))?;
                 for (i, triangle) in found.iter().enumerate() {
                     triangles.add(first + i).write(to_c(triangle));
                 }
@@ -205,13 +206,13 @@ pub unsafe extern "C" fn oc_scene_triangles(
 }
 
 /// The members of a hit by which its triangle is found.
-fn of_c(hit: oc_hit) -> Hit {
-    let position = DVec3::from_array(hit.position);
-    Hit { position, part: hit.part, instance: hit.instance, prim: hit.prim, normal: Vec3::ZERO, ..Hit::MISS }
+pub(super) fn hit_of_c(hit: oc_hit) -> Hit {
+    let oc_hit { part, instance, prim, occurrence, .. } = hit;
+    Hit { position: DVec3::from_array(hit.position), part, instance, prim, occurrence, ..Hit::MISS }
 }
 
 /// Adds the number of the batch's first hit to that in the message.
-fn at(error: Error, first: usize) -> Error {
+pub(super) fn in_batch(error: Error, first: usize) -> Error {
     match error {
         Error::BadArgument(why) if first > 0 => Error::BadArgument(format!("of the hits from {first} on, {why}")),
         other => other,

@@ -16,6 +16,7 @@ pub mod contents;
 pub mod context;
 pub mod crossings;
 pub mod cursor;
+pub mod evaluate;
 pub mod fit;
 pub(crate) mod fork;
 pub mod frame;

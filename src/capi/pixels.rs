@@ -35,6 +35,8 @@ pub const OC_BUFFER_SHADING_NORMAL: oc_buffer = 9;
 /// `oc_hit.occurrence`. oc_scene_get_path returns the ids on the way there. It holds for the commit that the picture
 /// shows: after a later commit of the scene it may stand for another place, or for none. Miss: OC_NO_ID.
 pub const OC_BUFFER_OCCURRENCE: oc_buffer = 10;
+/// 2 floats: as oc_hit.uv of the ray through the pixel's centre. Miss: 0.
+pub const OC_BUFFER_UV: oc_buffer = 11;
 
 /// Type of the elements of a buffer.
 pub type oc_format = u32;
@@ -50,6 +52,8 @@ pub const OC_FORMAT_F32X3: oc_format = 4;
 pub const OC_FORMAT_U64: oc_format = 5;
 /// 1 byte.
 pub const OC_FORMAT_U8: oc_format = 6;
+/// 2 floats.
+pub const OC_FORMAT_F32X2: oc_format = 7;
 
 pub(crate) fn buffer(number: oc_buffer) -> Checked<Buffer> {
     match Buffer::ALL.get(number as usize) {
@@ -66,6 +70,7 @@ fn format(buffer: Buffer) -> oc_format {
         Buffer::Normal | Buffer::ShadingNormal => OC_FORMAT_F32X3,
         Buffer::Part | Buffer::Primitive | Buffer::Instance | Buffer::Occurrence => OC_FORMAT_U64,
         Buffer::Kind => OC_FORMAT_U8,
+        Buffer::Uv => OC_FORMAT_F32X2,
     }
 }
 

@@ -116,7 +116,7 @@ pub struct oc_hit {
     /// Barycentric weights of the triangle's second and third corner. On a surface with OC_STRUCTURE_PATCH the
     /// parameters u and v in the face, from 0 to 1, also of a stand-in of one face: those of its middle. u runs along
     /// the first edge of a face of four corners; other faces consist of a quad at each corner, in which the parameters
-    /// are. A stand-in of several faces: 0. Miss: 0.
+    /// are (`oc_surface_point.corner` says in which). A stand-in of several faces: 0. Miss: 0.
     pub uv: [f32; 2],
     /// An original surface lies within this distance of `position`, in world units. Miss: 0.
     pub error: f32,

@@ -1,21 +1,19 @@
 //! Triangles as they are stored: all of a part, some at a time, and those of hits.
 
+use super::batch::Policy;
 use super::hit::Hit;
+use super::located::{Located, locate};
 use crate::base::error::{Error, Result};
 use crate::base::ids::BlockId;
 use crate::base::inside_read::refuse_inside_read;
 use crate::base::memory::zeroed;
 use crate::base::progress::Cancel;
-use crate::geom::distances::point_triangle;
-use crate::math::Bounds;
-use crate::residency::{Kept, Lease};
+use crate::residency::Kept;
 use crate::scene::SceneState;
-use crate::scene::frame::Scenes;
 use crate::scene::model::KeptSets;
 use crate::scene::model::Model;
-use crate::scene::placed::Placed;
 use crate::structure::open::{self, Holder};
-use crate::structure::{Below, Place, Rooted, Tree, TriHit, Triangle, Visit};
+use crate::structure::{TriHit, Triangle, Visit};
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 use std::collections::HashMap;
 use std::ops::Range;
@@ -292,158 +290,16 @@ impl SceneState {
     /// `Cancelled`.
     pub fn triangles(&self, hits: &[Hit], cancel: &Cancel) -> Result<Vec<StoredTriangle>> {
         refuse_inside_read()?;
-        hits.iter().enumerate().map(|(i, hit)| self.triangle(i, hit, cancel)).collect()
-    }
-
-    fn triangle(&self, number: usize, hit: &Hit, cancel: &Cancel) -> Result<StoredTriangle> {
-        let wrong = |why: &str| Err(Error::BadArgument(format!("hit {number}: {why}")));
-        let ids = [hit.instance, hit.part, hit.prim];
-        if ids.contains(&super::hit::NONE) || !hit.position.is_finite() {
-            return wrong("it needs a position, and the ids of instance, part and primitive");
-        }
-        // Of coincident trees the first counts. Triangles of one face have one id, so the one at the position counts.
-        let mut beside = None;
-        let mut numbers: Vec<u64> = self.placed_in(Scenes::All, |b| holds(b, hit.position)).collect();
-        numbers.sort_unstable();
-        for number in numbers {
-            cancel.check()?;
-            if self.instance_id(self.ids_of(number).instance) != hit.instance {
-                continue;
-            }
-            let placed = self.placed(number);
-            if !holds(&placed.bounds, hit.position) {
-                continue;
-            }
-            let model = &self.models[placed.model as usize];
-            let at = At { model, placed: &placed, hit };
-            match at.search(cancel)? {
-                Some((true, found)) => return Ok(found),
-                Some((false, found)) => beside = beside.or(Some(found)),
-                None => {}
-            }
-        }
-        beside.map_or_else(|| wrong("no triangle of the scene has its ids at its position"), Ok)
-    }
-}
-
-/// True if bounds hold a point, up to the roundings of hits.
-fn holds(bounds: &crate::math::DBounds, p: DVec3) -> bool {
-    let give = slack(bounds.min.abs().max(bounds.max.abs()).max_element());
-    (p - bounds.min + give).min_element() >= 0.0 && (bounds.max + give - p).min_element() >= 0.0
-}
-
-/// Distance by which a hit may be off its triangle, for coordinates of at most `size`.
-fn slack(size: f64) -> f64 {
-    size * 1e-6
-}
-
-/// The search for the triangle of a hit in a placed tree.
-struct At<'a> {
-    model: &'a Model,
-    placed: &'a Placed,
-    hit: &'a Hit,
-}
-
-impl At<'_> {
-    /// Returns the triangle with the hit's ids that is nearest to its position, and whether it holds the position.
-    fn search(&self, cancel: &Cancel) -> Result<Option<(bool, StoredTriangle)>> {
-        let at = self.placed.local_point(self.hit.position);
-        let give = slack(self.placed.max_coord().max(at.abs().max_element()));
-        let near = |bounds: &Bounds| {
-            let (low, high) = (bounds.min.as_dvec3() - give, bounds.max.as_dvec3() + give);
-            at.cmpge(low).all() && at.cmple(high).all()
-        };
-        let mut lease: Option<Lease> = None;
-        let mut best: Option<(f64, StoredTriangle)> = None;
-        let mut places: Vec<Place> = self.view(&self.model.blocks().snapshot()).root().into_iter().collect();
-        while let Some(place) = places.pop() {
-            cancel.check()?;
-            let block = BlockId(place.block);
-            let snapshot = self.snapshot(&mut lease, &[block], cancel)?;
-            let mut found = Vec::new();
-            let mut child = |below: Place, bounds: &Bounds, _: bool| {
-                if near(bounds) {
-                    places.push(below);
-                }
-            };
-            let mut triangle = |hit: &TriHit, triangle: &Triangle| {
-                if near(&Bounds::of(&triangle.vertices)) {
-                    found.push((*hit, *triangle));
-                }
-            };
-            let below = &mut Below { child: &mut child, triangle: &mut triangle };
-            if let Err(block) = self.view(&snapshot).expand(place, below) {
-                return Err(self.corrupt(block));
-            }
-            for (hit, triangle) in found {
-                let away = point_triangle(at, &triangle.vertices.map(Vec3::as_dvec3)).squared;
-                if best.as_ref().is_some_and(|(least, _)| *least <= away) {
-                    continue;
-                }
-                if let Some(found) = self.compare(&mut lease, &hit, &triangle, cancel)? {
-                    if away <= give * give {
-                        return Ok(Some((true, found)));
-                    }
-                    best = Some((away, found));
-                }
-            }
-        }
-        Ok(best.map(|(_, found)| (false, found)))
-    }
-
-    fn view<'s>(&'s self, snapshot: &'s crate::residency::Snapshot) -> Tree<'s> {
-        self.model.tree_in(self.placed.tree, snapshot, Visit::default())
-    }
-
-    fn corrupt(&self, block: BlockId) -> Error {
-        Error::corrupt(self.model.blocks().file().name(), Some(block.0), "it lacks what other blocks refer to")
-    }
-
-    /// A snapshot with these blocks. Blocks that are not in memory come into a lease of their own.
-    fn snapshot(
-        &self,
-        lease: &mut Option<Lease>,
-        blocks: &[BlockId],
-        cancel: &Cancel,
-    ) -> Result<Arc<crate::residency::Snapshot>> {
-        let there = self.model.blocks().snapshot();
-        if blocks.iter().all(|id| there.block(*id).is_some()) {
-            return Ok(there);
-        }
-        // The lease before is given back first: there is one for all.
-        *lease = None;
-        let held = lease.insert(self.model.context().residency().lease());
-        held.fetch(self.model.blocks(), blocks, cancel)?;
-        held.snapshot(self.model.blocks())
-    }
-
-    /// Returns the triangle if its ids are those of the hit.
-    fn compare(
-        &self,
-        lease: &mut Option<Lease>,
-        hit: &TriHit,
-        triangle: &Triangle,
-        cancel: &Cancel,
-    ) -> Result<Option<StoredTriangle>> {
-        let part = self.placed.first_part.saturating_add(triangle.part);
-        let id = self.model.parts().id(part as usize);
-        if id != Some(self.hit.part) {
-            return Ok(None);
-        }
-        let file = self.model.blocks().file();
-        let block = self.view(&self.model.blocks().snapshot()).block_of(hit);
-        let needed: Vec<BlockId> =
-            [Some(block), Some(file.prim_block(block)), file.normal_block(block)].into_iter().flatten().collect();
-        let snapshot = self.snapshot(lease, &needed, cancel)?;
-        let view = self.view(&snapshot);
-        let prim = view.prim(hit).map_err(|block| self.corrupt(block))?;
-        if prim.map(u64::from) != Some(self.hit.prim) {
-            return Ok(None);
-        }
-        let normals = view.normals(hit).map_err(|block| self.corrupt(block))?;
-        let place = self.placed.frame();
-        let place =
-            Place3 { matrix: place.matrix3, offset: place.translation, is_plain: self.placed.only_shifted().is_some() };
-        Ok(Some(place.stored(triangle, normals, [self.hit.part, self.hit.prim])))
+        let all: Vec<u32> = (0..hits.len() as u32).collect();
+        let found = locate(self, (hits, &all), Policy::Exact, cancel, &|at: &Located| {
+            let normals = at.tree.normals(at.hit)?;
+            let frame = at.placed.frame();
+            let is_plain = at.placed.only_shifted().is_some();
+            let place = Place3 { matrix: frame.matrix3, offset: frame.translation, is_plain };
+            let Hit { part, prim, .. } = hits[at.index];
+            Ok(place.stored(at.triangle, normals, [part, prim]))
+        })?;
+        let lost = || Error::Internal("a search that reads has found nothing".into());
+        found.into_iter().map(|found| found.ok_or_else(lost)).collect()
     }
 }

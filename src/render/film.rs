@@ -39,11 +39,13 @@ pub enum Buffer {
     /// triangle or a stand-in; [`crate::query::NONE`] for a miss. [`SceneState::path`] of the state that was requested
     /// resolves it; other states may number places otherwise.
     Occurrence = 10,
+    /// 2 floats: [`crate::query::Hit::uv`]; 0 for a miss, and for a stand-in that has no parameters.
+    Uv = 11,
 }
 
 impl Buffer {
     /// All buffers, in the order of their numbers.
-    pub const ALL: [Buffer; 11] = [
+    pub const ALL: [Buffer; 12] = [
         Buffer::ColourSrgb8,
         Buffer::ColourLinear,
         Buffer::Depth,
@@ -55,6 +57,7 @@ impl Buffer {
         Buffer::Error,
         Buffer::ShadingNormal,
         Buffer::Occurrence,
+        Buffer::Uv,
     ];
 
     /// Bytes of one pixel.
@@ -63,7 +66,7 @@ impl Buffer {
             Buffer::ColourSrgb8 | Buffer::Depth | Buffer::Error => 4,
             Buffer::ColourLinear => 16,
             Buffer::Normal | Buffer::ShadingNormal => 12,
-            Buffer::Part | Buffer::Primitive | Buffer::Instance | Buffer::Occurrence => 8,
+            Buffer::Part | Buffer::Primitive | Buffer::Instance | Buffer::Occurrence | Buffer::Uv => 8,
             Buffer::Kind => 1,
         }
     }
@@ -300,7 +303,8 @@ impl Mapped {
     }
     /// Returns the floats of a float buffer; `None` for other buffers.
     pub fn floats(&self) -> Option<&[f32]> {
-        let floats = [Buffer::ColourLinear, Buffer::Depth, Buffer::Normal, Buffer::Error, Buffer::ShadingNormal];
+        use Buffer::{ColourLinear, Depth, Error, Normal, ShadingNormal, Uv};
+        let floats = [ColourLinear, Depth, Normal, Error, ShadingNormal, Uv];
         floats.contains(&self.buffer).then(|| bytemuck::cast_slice(self.bytes()))
     }
     /// Returns the ids or occurrences of a buffer of u64; `None` for other buffers.

@@ -505,6 +505,7 @@ impl Work for Request {
             prims: any(&[Buffer::Primitive]),
             precise: any(&[Buffer::Depth, Buffer::Error]),
             normals: any(&[Buffer::Normal, Buffer::ShadingNormal]),
+            uvs: any(&[Buffer::Uv]),
         };
         let integrator = Integrator::Direct(Direct {
             view,

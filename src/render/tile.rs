@@ -33,6 +33,7 @@ pub(super) struct TilePixels {
     kind: Box<[u8; PIXELS]>,
     error: Box<[f32; PIXELS]>,
     shading_normal: Box<[[f32; 3]; PIXELS]>,
+    uv: Box<[[f32; 2]; PIXELS]>,
     quality: Quality,
     /// Sums of the samples of each packet. (On the stack they would take a third of what calls may take.)
     sums: Vec<Colours>,
@@ -68,6 +69,7 @@ impl TilePixels {
             kind: Box::new([0; PIXELS]),
             error: Box::new([0.0; PIXELS]),
             shading_normal: Box::new([[0.0; 3]; PIXELS]),
+            uv: Box::new([[0.0; 2]; PIXELS]),
             quality: Quality::new(),
             sums: Vec::new(),
         }
@@ -97,6 +99,7 @@ impl TilePixels {
             Buffer::Kind => &self.kind[..],
             Buffer::Error => bytemuck::cast_slice(&self.error[..]),
             Buffer::ShadingNormal => bytemuck::cast_slice(&self.shading_normal[..]),
+            Buffer::Uv => bytemuck::cast_slice(&self.uv[..]),
         };
         let size = buffer.pixel_bytes();
         let at = (row * TILE) as usize * size;
@@ -197,6 +200,7 @@ impl TilePixels {
                     Buffer::Depth => self.depth[to].copy_from_slice(&first.depth[from]),
                     Buffer::Normal => self.normal[to].copy_from_slice(&first.normal[from]),
                     Buffer::ShadingNormal => self.shading_normal[to].copy_from_slice(&first.shading_normal[from]),
+                    Buffer::Uv => self.uv[to].copy_from_slice(&first.uv[from]),
                     Buffer::Part => self.part[to].copy_from_slice(&first.part[from]),
                     Buffer::Primitive => self.prim[to].copy_from_slice(&first.prim[from]),
                     Buffer::Instance => self.instance[to].copy_from_slice(&first.instance[from]),

@@ -144,6 +144,18 @@ impl TriHit {
     }
 }
 
+/// Where a hit lies on a surface.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct InFace {
+    /// Primitive id of the face.
+    pub face: u32,
+    /// A face with other than four corners consists of a quad at each: the corner of the hit's, as the face's vertices
+    /// are ordered. 0 for a face with four.
+    pub corner: u32,
+    /// Parameters in the face, or in that quad, from 0 to 1.
+    pub uv: [f32; 2],
+}
+
 /// The original triangle that a hit lies on, as stored.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Triangle {

@@ -51,7 +51,7 @@ pub mod walk;
 
 pub use cursor::{Below, Descent, for_each_triangle};
 pub use filter::{PartFilter, ShownBlock, ShownBlocks, Within};
-pub use hit::{Counters, Outcome, StandIn, TriHit, Triangle};
+pub use hit::{Counters, InFace, Outcome, StandIn, TriHit, Triangle};
 pub use nodes::{LeafTriangle, Node};
 pub use open::Nodes;
 pub use packet::PacketWalk;

@@ -13,7 +13,7 @@ use super::cell::{CellParts, Cells};
 use super::cursor::Below;
 use super::fallback::SingleWalks;
 use super::filter::{PartFilter, ShownBlocks};
-use super::hit::{Outcome, TriHit, Triangle};
+use super::hit::{InFace, Outcome, TriHit, Triangle};
 use super::packet::PacketWalk;
 use super::patch;
 use super::place::{Place, Rooted};
@@ -24,6 +24,7 @@ use super::stream::{Rays16, Stream};
 use super::surface::Surfaces;
 use super::walk::Walk;
 use crate::base::ids::BlockId;
+use crate::geom::surface::ShadingPoint;
 use crate::lod::OrientedSlabs;
 use crate::math::{Bounds, Cone};
 use crate::residency::Snapshot;
@@ -365,14 +366,31 @@ impl<'a> Tree<'a> {
         matches!(self.blocks, Blocks::Patch(_))
     }
 
-    /// Returns the primitive id of the face that a hit lies on, and its parameters (u, v) there, from 0 to 1: those of
-    /// the middle of a stand-in. `hit.u` and `hit.v` are the weights of a triangle's corners. `None` for triangles that
-    /// are no surfaces, for stand-ins of several faces, and if a block has left the snapshot.
-    pub fn parameters(&self, hit: &TriHit) -> Option<(u32, [f32; 2])> {
+    /// Returns the face that a hit lies on, and its parameters there: those of the middle of a stand-in. `hit.u` and
+    /// `hit.v` are the weights of a triangle's corners. `None` for triangles that are no surfaces, for stand-ins of
+    /// several faces, and if a block has left the snapshot.
+    pub fn parameters(&self, hit: &TriHit) -> Option<InFace> {
         match &self.blocks {
             Blocks::Patch(own) => own.parameters(hit),
             _ => None,
         }
+    }
+
+    /// Returns the point of a hit on a triangle in the tree's frame, with derivatives by its parameters, or the block
+    /// that is needed for it; `None` for stand-ins, and if a malformed file has no such triangle. The parameters are
+    /// those of [`Tree::parameters`], or else the weights of the triangle's second and third corner.
+    pub fn shading_point(&self, hit: &TriHit) -> Result<Option<ShadingPoint>, BlockId> {
+        if hit.stand_in().is_some() {
+            return Ok(None);
+        }
+        if let Blocks::Patch(own) = &self.blocks {
+            return own.shading_point(hit);
+        }
+        let corners = self.triangle(hit).ok_or(self.block_of(hit))?.vertices.map(Vec3::as_dvec3);
+        let normals = self.normals(hit)?.map(|normals| normals.map(Vec3::as_dvec3));
+        let weights = [hit.u, hit.v].map(f64::from);
+        let parameters = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]];
+        Ok(Some(ShadingPoint::of_triangle(&corners, normals.as_ref(), &parameters, weights)))
     }
 
     /// Returns the block that the stand-in of a hit replaces, if that block is missing.

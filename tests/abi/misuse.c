@@ -926,6 +926,27 @@ static void geometry(oc_scene *s0, oc_model *m) {
     INVALID(oc_scene_triangles(s0, &hit, 1, 0, triangles)); /* no ids */
     CHECK(strstr(oc_last_error(), "hit 0"));
     OK(oc_scene_triangles(s0, NULL, 0, 0, NULL));
+
+    oc_surface_point points[2];
+    oc_hit picked[2] = {hit, hit};
+    INVALID(oc_scene_evaluate(NULL, picked, 1, 0, 0, points, 0));
+    INVALID(oc_scene_evaluate(s0, NULL, 1, 0, 0, points, 0));
+    INVALID(oc_scene_evaluate(s0, picked, 1, 8, 0, points, 0));
+    INVALID(oc_scene_evaluate(s0, picked, UINT64_MAX, 0, 0, points, 0));
+    INVALID(oc_scene_evaluate(s0, picked, 1, 0, 0, NULL, 0));
+    INVALID(oc_scene_evaluate(s0, picked, 1, 0, 0, points, 8));
+    INVALID(oc_scene_evaluate(s0, picked, 1, 0, OC_QUERY_COHERENT, points, 0));
+    CHECK(strstr(oc_last_error(), "OC_QUERY_NOW"));
+    picked[1].kind = OC_HIT_EXACT; /* no ids */
+    INVALID(oc_scene_evaluate(s0, picked, 2, 0, OC_QUERY_NOW, points, 0));
+    CHECK(strstr(oc_last_error(), "hit 1"));
+    picked[1].kind = 99;
+    INVALID(oc_scene_evaluate(s0, picked, 2, 0, 0, points, 0));
+    CHECK(strstr(oc_last_error(), "hit 1: kind 99"));
+    picked[1].kind = OC_HIT_LOD;
+    OK(oc_scene_evaluate(s0, picked, 2, 0, 0, points, 0));
+    CHECK(points[0].kind == OC_EVALUATED_NOTHING && points[1].kind == OC_EVALUATED_STAND_IN);
+    OK(oc_scene_evaluate(s0, NULL, 0, 0, OC_QUERY_NOW, NULL, 0));
 }
 
 static oc_scene *scenes(oc_context *c) {
@@ -2025,7 +2046,7 @@ static void frames(oc_context *c, oc_scene *s0) {
     INVALID(oc_frame_create(c, &desc, &f));
     target.row_pitch = UINT64_MAX;
     INVALID(oc_frame_create(c, &desc, &f));
-    target.row_pitch = 20, target.buffer = 11;
+    target.row_pitch = 20, target.buffer = 12;
     INVALID(oc_frame_create(c, &desc, &f));
     target.buffer = 0, target.reserved = 1;
     INVALID(oc_frame_create(c, &desc, &f));
@@ -2128,7 +2149,7 @@ static void frames(oc_context *c, oc_scene *s0) {
     OK(oc_frame_pick_near(f, 3, 2, 32, &hit));
     INVALID(oc_frame_map(NULL, 0, &pixels));
     INVALID(oc_frame_map(f, 0, NULL));
-    INVALID(oc_frame_map(f, 11, &pixels));
+    INVALID(oc_frame_map(f, 12, &pixels));
     INVALID(oc_frame_map(f, 0xffffffff, &pixels));
     EXPECT(OC_STATUS_INVALID_STATE, oc_frame_map(f, OC_BUFFER_DEPTH, &pixels)); /* not kept */
     GARBAGE_SIZES(oc_pixels, oc_frame_map(f, 0, s));

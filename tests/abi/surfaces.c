@@ -66,11 +66,57 @@ static void aim(oc_ray *rays) {
     }
 }
 
+/* The parameters in a picture are those of the ray through each pixel. */
+static void pixels(oc_context *context, oc_scene *scene) {
+    enum { W = 24, H = 16 };
+    static float target[H][W][2];
+    static oc_ray rays[W * H];
+    static oc_hit hits[W * H];
+    oc_camera camera;
+    OC_INIT(&camera);
+    camera.eye[0] = 3, camera.eye[1] = -4, camera.eye[2] = 2, camera.up[2] = 1, camera.fov_y = 20;
+    oc_target memory = {target, sizeof target, 0, OC_BUFFER_UV, 0};
+    oc_frame_desc desc;
+    OC_INIT(&desc);
+    desc.width = W, desc.height = H, desc.buffers = 1u << OC_BUFFER_UV, desc.targets = &memory, desc.target_count = 1;
+    oc_frame *frame;
+    oc_progress progress;
+    oc_pixels mapped;
+    OC_INIT(&progress);
+    OC_INIT(&mapped);
+    OK(oc_frame_create(context, &desc, &frame));
+    OK(oc_frame_request(frame, scene, &camera, NULL));
+    OK(oc_frame_wait(frame, OC_FOREVER, &progress));
+    CHECK(progress.state == OC_STATE_DONE);
+    OK(oc_frame_map(frame, OC_BUFFER_UV, &mapped));
+    CHECK(mapped.format == OC_FORMAT_F32X2 && mapped.row_pitch == 8 * W);
+    CHECK(!memcmp(mapped.data, target, sizeof target));
+    for (int i = 0; i < W * H; i++) {
+        OK(oc_camera_ray(&camera, W, H, i % W + 0.5, i / W + 0.5, &rays[i]));
+        rays[i].cone_a = rays[i].cone_b = 0;
+    }
+    oc_query query;
+    OC_INIT(&query);
+    query.rays = rays, query.count = W * H;
+    OK(oc_scene_closest(scene, &query, hits, 0));
+    int met = 0, differ = 0;
+    for (int i = 0; i < W * H; i++) {
+        const float *uv = target[i / W][i % W];
+        differ += fabsf(uv[0] - hits[i].uv[0]) > 1e-3f || fabsf(uv[1] - hits[i].uv[1]) > 1e-3f;
+        met += hits[i].kind == OC_HIT_EXACT && uv[0] > 0;
+    }
+    /* Rays through edges may meet either triangle. */
+    CHECK(met > W * H / 8 && differ <= 1);
+    oc_mapping_release(mapped.mapping);
+    oc_frame_release(frame);
+}
+
 int main(int argc, char **argv) {
     CHECK(argc == 2);
     static oc_ray rays[COUNT];
     static oc_hit hits[2][COUNT];
     static oc_triangle triangles[2][COUNT];
+    static oc_surface_point points[2][COUNT];
     static const oc_structure structures[2] = {OC_STRUCTURE_BVH, OC_STRUCTURE_PATCH};
     oc_context *context;
     OK(oc_context_create(OC_HEADER_VERSION, NULL, &context));
@@ -90,6 +136,8 @@ int main(int argc, char **argv) {
         query.want = OC_WANT_ALL | OC_WANT_SHADING_NORMAL;
         OK(oc_scene_closest(scene, &query, hits[i], 0));
         OK(oc_scene_triangles(scene, hits[i], COUNT, 0, triangles[i]));
+        OK(oc_scene_evaluate(scene, hits[i], COUNT, 0, 0, points[i], 0));
+        pixels(context, scene);
         oc_scene_release(scene);
         oc_model_release(model);
     }
@@ -104,6 +152,20 @@ int main(int argc, char **argv) {
             CHECK(fabsf(flat->shading_normal[k] - patch->shading_normal[k]) < 0.02f);
         /* Of all triangles of the face, the one that was hit. */
         const oc_triangle *a = &triangles[0][i], *b = &triangles[1][i];
+        const oc_surface_point *p = &points[0][i], *q = &points[1][i];
+        CHECK(p->kind == OC_EVALUATED_TRIANGLE && q->kind != OC_EVALUATED_NOTHING && q->kind <= OC_EVALUATED_TRIANGLE);
+        CHECK(p->corner == 0 && q->corner == 0);
+        for (int k = 0; k < 3; k++) {
+            CHECK(fabs(p->position[k] - flat->position[k]) < 1e-6 && fabs(q->position[k] - patch->position[k]) < 0.01);
+            /* Edges of the triangle, whose weights are the parameters. */
+            CHECK(fabs(p->du[k] - (a->corners[3 + k] - a->corners[k])) < 1e-6);
+            CHECK(fabs(p->dv[k] - (a->corners[6 + k] - a->corners[k])) < 1e-6);
+            CHECK(fabs(p->normal[k] - q->normal[k]) < 0.02);
+        }
+        /* The cube is round: it bends away from its outer normal, in both structures alike. */
+        CHECK(p->normal[axes[face]] * signs[face] > 0.5);
+        for (int k = 0; k < 2; k++)
+            CHECK(q->curvatures[k] < 0.05 && fabs(p->curvatures[k] - q->curvatures[k]) < 0.35);
         CHECK(b->prim == face && b->part == parts[face]);
         for (int corner = 0; corner < 3; corner++) {
             double least = INFINITY;

@@ -26,8 +26,8 @@ from ._abi import OC_HEADER_VERSION as HEADER_VERSION
 from ._abi import OC_NO_ID as NO_ID
 from ._abi import OC_NO_INDEX as NO_INDEX
 from ._arrays import (
-    CLASH, CROSSING, HIT, HIT_F32, NEAREST_POINT, NODE, NODE_TRIANGLE, OVERLAP, PART_AT, PLACE, PLANE, RAY, TREE_PLACE,
-    TRIANGLE, empty_hits, rays,
+    CLASH, CROSSING, HIT, HIT_F32, NEAREST_POINT, NODE, NODE_TRIANGLE, OVERLAP, PART_AT, PLACE, PLANE, RAY,
+    SURFACE_POINT, TREE_PLACE, TRIANGLE, empty_hits, rays,
 )
 from ._build import Build, BuildJob, BuildReport, Resolver
 from ._clashes import ClashJob, PartSet
@@ -52,10 +52,10 @@ from ._views import camera_frustum, camera_ray
 
 __all__ = [
     "ALL_THREADS", "CLASH", "CROSSING", "ClashJob", "HEADER_VERSION", "HIT", "HIT_F32", "NEAREST_POINT", "NODE",
-    "NODE_TRIANGLE", "NO_ID", "NO_INDEX", "OVERLAP", "PART_AT", "PLACE", "PLANE", "RAY", "TREE_PLACE", "TRIANGLE",
-    "ArgumentError", "Build", "BuildJob", "BuildReport", "Cancelled", "Context", "Cursor", "Error", "Frame", "Hit",
-    "InputError", "InternalError", "Job", "LimitError", "MachineError", "Mesh", "Model", "PartSet", "Picture",
-    "Ragged", "Reader", "Resolver", "Scene", "StateError", "VersionError", "__version__", "camera_frustum",
-    "camera_ray", "empty_hits", "library_path", "live", "rays",
+    "NODE_TRIANGLE", "NO_ID", "NO_INDEX", "OVERLAP", "PART_AT", "PLACE", "PLANE", "RAY", "SURFACE_POINT",
+    "TREE_PLACE", "TRIANGLE", "ArgumentError", "Build", "BuildJob", "BuildReport", "Cancelled", "Context", "Cursor",
+    "Error", "Frame", "Hit", "InputError", "InternalError", "Job", "LimitError", "MachineError", "Mesh", "Model",
+    "PartSet", "Picture", "Ragged", "Reader", "Resolver", "Scene", "StateError", "VersionError", "__version__",
+    "camera_frustum", "camera_ray", "empty_hits", "library_path", "live", "rays",
     *_enums.__all__, *_values.__all__,
 ]

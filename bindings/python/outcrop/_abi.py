@@ -349,6 +349,15 @@ class oc_triangle(c.Structure):
     ]
 
 
+class oc_surface_point(c.Structure):
+    """A point of a surface, in world space. Element of an array."""
+
+    _fields_ = [
+        ("position", c.c_double * 3), ("du", c.c_double * 3), ("dv", c.c_double * 3), ("normal", c.c_double * 3),
+        ("curvatures", c.c_double * 2), ("kind", c.c_uint32), ("corner", c.c_uint32),
+    ]
+
+
 class oc_crossing(c.Structure):
     """A point where a ray goes through an original triangle. Element of an array."""
 
@@ -551,9 +560,10 @@ STRUCTS: list[type[c.Structure]] = [
     oc_progress, oc_executor, oc_context_desc, oc_camera, oc_ray, oc_plane, oc_resolved, oc_build_desc, oc_material,
     oc_part, oc_triangles, oc_displacement, oc_cage, oc_nurbs, oc_build_report, oc_io, oc_model_info, oc_part_info,
     oc_light, oc_background, oc_instances, oc_look, oc_query, oc_hit, oc_ray_f32, oc_rays_soa, oc_query_f32,
-    oc_hit_f32, oc_triangle, oc_crossing, oc_tree_place, oc_node, oc_node_triangle, oc_part_at, oc_overlap,
-    oc_clash_desc, oc_clash, oc_clash_summary, oc_nearest_desc, oc_nearest_point, oc_distance_desc, oc_distance,
-    oc_fit, oc_part_ref, oc_target, oc_frame_desc, oc_frame_settings, oc_frame_accuracy, oc_pixels, oc_place,
+    oc_hit_f32, oc_triangle, oc_surface_point, oc_crossing, oc_tree_place, oc_node, oc_node_triangle, oc_part_at,
+    oc_overlap, oc_clash_desc, oc_clash, oc_clash_summary, oc_nearest_desc, oc_nearest_point, oc_distance_desc,
+    oc_distance, oc_fit, oc_part_ref, oc_target, oc_frame_desc, oc_frame_settings, oc_frame_accuracy, oc_pixels,
+    oc_place,
 ]
 """All structs, in the order of the header."""
 
@@ -641,6 +651,7 @@ class Functions:
     oc_part_reader_retain: Callable[..., None]
     oc_part_reader_release: Callable[..., None]
     oc_scene_triangles: Callable[..., int]
+    oc_scene_evaluate: Callable[..., int]
     oc_scene_crossings: Callable[..., int]
     oc_cursor_create: Callable[..., int]
     oc_cursor_root: Callable[..., int]
@@ -771,6 +782,9 @@ SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "oc_part_reader_retain": (None, [c.c_void_p]),
     "oc_part_reader_release": (None, [c.c_void_p]),
     "oc_scene_triangles": (c.c_uint32, [c.c_void_p, c.c_void_p, c.c_uint64, c.c_uint64, c.c_void_p]),
+    "oc_scene_evaluate": (c.c_uint32, [
+        c.c_void_p, c.c_void_p, c.c_uint64, c.c_uint64, c.c_uint32, c.c_void_p, c.c_uint64,
+    ]),
     "oc_scene_crossings": (c.c_uint32, [
         c.c_void_p, c.c_void_p, c.c_void_p, c.c_uint64, c.c_void_p, c.c_void_p, c.c_void_p,
     ]),
@@ -837,9 +851,9 @@ FALLIBLE = frozenset([
     "oc_scene_save", "oc_scene_open", "oc_scene_set_instance_look", "oc_scene_set_part_look",
     "oc_scene_set_parts_look", "oc_scene_isolate", "oc_scene_set_model", "oc_scene_clear_part_looks",
     "oc_scene_closest", "oc_scene_any", "oc_scene_closest_start", "oc_scene_any_start", "oc_scene_closest_f32",
-    "oc_scene_any_f32", "oc_model_read_part", "oc_part_reader_next", "oc_scene_triangles", "oc_scene_crossings",
-    "oc_cursor_create", "oc_cursor_root", "oc_cursor_places", "oc_cursor_node", "oc_cursor_triangles",
-    "oc_cursor_block_nodes", "oc_scene_parts_at", "oc_scene_thickness", "oc_scene_overlap_box",
+    "oc_scene_any_f32", "oc_model_read_part", "oc_part_reader_next", "oc_scene_triangles", "oc_scene_evaluate",
+    "oc_scene_crossings", "oc_cursor_create", "oc_cursor_root", "oc_cursor_places", "oc_cursor_node",
+    "oc_cursor_triangles", "oc_cursor_block_nodes", "oc_scene_parts_at", "oc_scene_thickness", "oc_scene_overlap_box",
     "oc_scene_overlap_frustum", "oc_part_set_create", "oc_part_set_add_instance", "oc_part_set_add_part",
     "oc_scene_clash_start", "oc_job_take_clashes", "oc_job_clash_summary", "oc_scene_nearest", "oc_scene_distance",
     "oc_scene_fit", "oc_frame_create", "oc_frame_request", "oc_frame_poll", "oc_frame_wait", "oc_frame_cancel",
@@ -860,5 +874,6 @@ BUFFERS: dict[int, tuple[str, int]] = {
     8: ("f4", 1),
     9: ("f4", 3),
     10: ("u8", 1),
+    11: ("f4", 2),
 }
 """Type and number of the elements of a pixel, by buffer."""

@@ -56,6 +56,8 @@ TRIANGLE = numpy.dtype({
     "offsets": [getattr(_abi.oc_triangle, name).offset for name in ("corners", "part", "prim", "normals")],
     "itemsize": c.sizeof(_abi.oc_triangle)})
 """dtype of a stored triangle: corners (3, 3), part, prim, normals (3, 3)."""
+SURFACE_POINT = dtype_of(_abi.oc_surface_point)
+"""dtype of a point of a surface: position, du, dv, normal, curvatures, kind, corner. See `SurfacePoint`."""
 NODE = numpy.dtype({
     "names": ["tree", "child_count", "triangle_count", "leaf_children", "part", "bounds", "children", "child_bounds"],
     "formats": [numpy.uint32] * 5 + [(numpy.float64, (2, 3)), (numpy.uint64, (8,)), (numpy.float64, (8, 2, 3))],

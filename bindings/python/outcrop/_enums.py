@@ -448,6 +448,23 @@ class HitKind(enum.IntEnum):
     """
 
 
+class Evaluated(enum.IntEnum):
+    """Where the members of SurfacePoint come from."""
+
+    NOTHING = 0
+    """The hit is a miss: `position` is infinite, all other members are 0."""
+    SURFACE = 1
+    """The surface, evaluated at the parameters of the hit."""
+    TRIANGLE = 2
+    """A triangle, and the normals at its corners."""
+    STAND_IN = 3
+    """The hit is HitKind.LOD: `position` and `normal` are those of the hit, all other members are 0."""
+    MISSING = 4
+    """The hit is HitKind.MISSING, or with QueryFlags.NOW the data of its triangle is not in memory. Members as for
+    Evaluated.STAND_IN.
+    """
+
+
 class Side(enum.IntEnum):
     """The side of a triangle."""
 
@@ -621,6 +638,8 @@ class Buffer(enum.IntEnum):
     the picture shows: after a later commit of the scene it may stand for another place, or for none. Miss:
     OC_NO_ID.
     """
+    UV = 11
+    """2 floats: as Hit.uv of the ray through the pixel's centre. Miss: 0."""
 
 
 class FrameFlags(enum.IntFlag):
@@ -658,12 +677,14 @@ class Format(enum.IntEnum):
     """1 uint64_t."""
     U8 = 6
     """1 byte."""
+    F32X2 = 7
+    """2 floats."""
 
 
 __all__ = [
     "Status", "State", "Phase", "LogLevel", "InstructionSet", "ContextFlags", "Property", "CameraKind", "Structure",
     "Splits", "Resolution", "StandIns", "SurfaceLeaves", "Scalar", "Index", "Boundary", "Creasing", "TriangleRule",
     "Wrap", "UpAxis", "PartFlags", "PlacementFlags", "LightKind", "TransformForm", "LookFlags", "PartsFlags", "Want",
-    "QueryFlags", "HitKind", "Side", "CursorFlags", "Holds", "OverlapKind", "ClashDetail", "ClashSkipFlags",
-    "ClashKind", "ClashOpenFlags", "NearestFlags", "View", "Buffer", "FrameFlags", "Format",
+    "QueryFlags", "HitKind", "Evaluated", "Side", "CursorFlags", "Holds", "OverlapKind", "ClashDetail",
+    "ClashSkipFlags", "ClashKind", "ClashOpenFlags", "NearestFlags", "View", "Buffer", "FrameFlags", "Format",
 ]

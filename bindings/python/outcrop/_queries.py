@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _abi, _values
 from ._arrays import (
-    CROSSING, HIT, HIT_F32, OVERLAP, PART_AT, PLANE, RAY, TRIANGLE, Array, address, elements, floats, given, rays,
-    stride_of, structs, vectors,
+    CROSSING, HIT, HIT_F32, OVERLAP, PART_AT, PLANE, RAY, SURFACE_POINT, TRIANGLE, Array, address, elements, floats,
+    given, rays, stride_of, structs, vectors,
 )
 from ._enums import HitKind, QueryFlags, Want
 from ._errors import ArgumentError
@@ -32,6 +32,23 @@ class Hit(_values.Hit):
 
     def __bool__(self) -> bool:
         return self.kind != HitKind.MISS
+
+
+def _of_hits(hits: Array | Hit | list[Hit], dtype: numpy.dtype[Any],
+             some: Callable[[int, int, int, int], None]) -> Array:
+    """Returns an element of a type for each hit. `some` fills them, given the first hit, count, stride and memory."""
+    array = structs("hits", hits, HIT, "HIT", _abi.oc_hit)
+    found = numpy.empty(array.shape, dtype)
+    stride, memory = stride_of("hits", array), address(found)
+    for first in range(0, array.size, CHUNK):
+        count = min(CHUNK, array.size - first)
+        try:
+            some(address(array) + first * stride, count, stride, memory + first * dtype.itemsize)
+        except ArgumentError as error:
+            if first:
+                raise ArgumentError(f"of the hits from {first} on: {error}", error.status) from None
+            raise
+    return found
 
 
 class _Batch:
@@ -191,19 +208,26 @@ class Queries(Handle):
         Raises:
             ArgumentError: a hit is none of this scene's.
         """
-        array = structs("hits", hits, HIT, "HIT", _abi.oc_hit)
-        found = numpy.empty(array.shape, TRIANGLE)
-        stride, memory = stride_of("hits", array), address(found)
-        for first in range(0, array.size, CHUNK):
-            count = min(CHUNK, array.size - first)
-            try:
-                lib.oc_scene_triangles(self._h, address(array) + first * stride, count, stride,
-                                       memory + first * TRIANGLE.itemsize)
-            except ArgumentError as error:
-                if first:
-                    raise ArgumentError(f"of the hits from {first} on: {error}", error.status) from None
-                raise
-        return found
+        def some(start: int, count: int, stride: int, out: int) -> None:
+            lib.oc_scene_triangles(self._h, start, count, stride, out)
+
+        return _of_hits(hits, TRIANGLE, some)
+
+    def evaluate(self, hits: Array | Hit | list[Hit], *, now: bool = False) -> Array:
+        """Returns the points of surfaces under hits in world space, as an array of dtype SURFACE_POINT.
+
+        hits: as for `triangles`. Stand-ins and misses may be among them: `kind` of the result says so (`Evaluated`).
+        now: answer from the data in memory, without a wait.
+
+        A point has the derivatives by the parameters of the hit, the shading normal and the principal curvatures.
+
+        Raises:
+            ArgumentError: an exact hit is none of this scene's.
+        """
+        def some(start: int, count: int, stride: int, out: int) -> None:
+            lib.oc_scene_evaluate(self._h, start, count, stride, QueryFlags.NOW if now else 0, out, 0)
+
+        return _of_hits(hits, SURFACE_POINT, some)
 
     def crossings(self, origins: Rays, directions: ArrayLike | None = None, *, coherent: bool = False,
                   now: bool = False, **members: Any) -> Ragged:

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 from . import _abi
 from ._enums import (
-    CameraKind, ClashKind, ClashOpenFlags, FrameFlags, HitKind, Holds, LightKind, LookFlags, OverlapKind, PartFlags,
-    PartsFlags, Phase, Side, Splits, StandIns, State, Status, Structure, SurfaceLeaves, UpAxis, View,
+    CameraKind, ClashKind, ClashOpenFlags, Evaluated, FrameFlags, HitKind, Holds, LightKind, LookFlags, OverlapKind,
+    PartFlags, PartsFlags, Phase, Side, Splits, StandIns, State, Status, Structure, SurfaceLeaves, UpAxis, View,
 )
 from ._value import Value, Vector
 
@@ -440,7 +440,7 @@ class Hit(Value):
     """Barycentric weights of the triangle's second and third corner. On a surface with Structure.PATCH the
     parameters u and v in the face, from 0 to 1, also of a stand-in of one face: those of its middle. u runs along
     the first edge of a face of four corners; other faces consist of a quad at each corner, in which the
-    parameters are. A stand-in of several faces: 0. Miss: 0.
+    parameters are (`SurfacePoint.corner` says in which). A stand-in of several faces: 0. Miss: 0.
     """
     error: float = 0.0
     """An original surface lies within this distance of `position`, in world units. Miss: 0."""
@@ -514,6 +514,42 @@ class Triangle(Value):
     normals: Vector = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     """Unit normals at the corners with which the surface is shaded, in the order of `corners`, on the side from
     which the corners appear counter-clockwise. Those of the triangle itself where the model has no others.
+    """
+
+
+@dataclass
+class SurfacePoint(Value):
+    """A point of a surface, in world space. Element of an array."""
+
+    _struct = _abi.oc_surface_point
+
+    position: Vector = (0.0, 0.0, 0.0)
+    """The point of the surface, off `Hit.position` by up to the tolerance of dicing; or of the triangle, off by its
+    rounding error.
+    """
+    du: Vector = (0.0, 0.0, 0.0)
+    """First derivative by the first of `Hit.uv`. These parameters are u and v in the face on a surface with
+    Structure.PATCH, otherwise the weights of the triangle's second and third corner: `du` is then the edge from
+    the first to the second corner, `dv` that to the third.
+    """
+    dv: Vector = (0.0, 0.0, 0.0)
+    """First derivative by the second of `Hit.uv`."""
+    normal: Vector = (0.0, 0.0, 0.0)
+    """Unit normal with which the surface is shaded, interpolated on triangles. It does not depend on the ray: it is
+    on the outer side of a mesh whose corners appear counter-clockwise from outside, also where an instance is
+    mirrored. Turn it to the eye by its sign with `Hit.normal`. 0 for a triangle without an area.
+    """
+    curvatures: Vector = (0.0, 0.0)
+    """Principal curvatures in units of 1 / length, the larger one first: positive where the surface bends towards
+    `normal`, so both are -1 / r on the outside of a sphere of radius r. On triangles they are those of a surface
+    with the interpolated normals, which approach the true ones as triangles become finer, and 0 where the model
+    has no normals.
+    """
+    kind: Evaluated = Evaluated(0)
+    """One of the Evaluated constants."""
+    corner: int = 0
+    """A face with other than four corners consists, with Structure.PATCH, of a quad at each: the number of the
+    corner, from 0, in whose quad the hit's parameters are. Otherwise 0.
     """
 
 
@@ -914,7 +950,7 @@ class Place(Value):
 
 __all__ = [
     "Progress", "Camera", "Ray", "Plane", "BuildOptions", "Material", "Part", "ModelInfo", "PartInfo", "Light",
-    "Background", "Look", "RayF32", "HitF32", "Triangle", "Crossing", "TreePlace", "Node", "NodeTriangle", "PartAt",
-    "Overlap", "Clash", "ClashSummary", "NearestPoint", "Distance", "Fit", "PartRef", "FrameSettings", "Accuracy",
-    "Place",
+    "Background", "Look", "RayF32", "HitF32", "Triangle", "SurfacePoint", "Crossing", "TreePlace", "Node",
+    "NodeTriangle", "PartAt", "Overlap", "Clash", "ClashSummary", "NearestPoint", "Distance", "Fit", "PartRef",
+    "FrameSettings", "Accuracy", "Place",
 ]

@@ -131,3 +131,48 @@ def test_files_of_cages(context: outcrop.Context, tmp_path: Path) -> None:
     options = outcrop.BuildOptions(surface_level=2, subdivide=1)
     report = context.build(tmp_path / "cube.oc", tmp_path / "cube.obj", options=options)
     assert report.triangles_in == 6 * 2 * 4**2 and not report.texts
+
+
+def test_spheres_are_evaluated(context: outcrop.Context, tmp_path: Path) -> None:
+    """A scaled sphere of triangles: points, derivatives and curvatures of an ellipsoid at its ends."""
+    side = 48
+    down, turn = numpy.linspace(0, numpy.pi, side)[:, None], numpy.linspace(0, 2 * numpy.pi, 2 * side)
+    ring = numpy.sin(down)
+    ball = ring * numpy.cos(turn), ring * numpy.sin(turn), numpy.cos(down) + 0 * turn
+    points = numpy.stack(ball, 2).reshape(-1, 3)
+    at = numpy.arange(points.shape[0]).reshape(side, 2 * side)
+    a, b, c, d = at[:-1, :-1], at[1:, :-1], at[1:, 1:], at[:-1, 1:]
+    faces = numpy.concatenate([numpy.stack(one, 2).reshape(-1, 3) for one in ((a, b, c), (a, c, d))])
+    context.build(tmp_path / "ball.oc", outcrop.Mesh(points, faces, normals=points, name="ball", id=1))
+    with context.open(tmp_path / "ball.oc") as model, context.scene() as scene:
+        scene.add(7, model, numpy.diag([2.0, 1.0, 3.0, 1.0]))
+        scene.commit()
+        eyes = numpy.array([(9, 0.01, 0.02), (0.02, 9, 0.01), (99, 99, 99)])
+        hits = scene.closest(eyes, numpy.array([(-1, 0, 0), (0, -1, 0), (1, 0, 0)], float))
+        found = scene.evaluate(hits)
+        assert found.dtype == outcrop.SURFACE_POINT and found.shape == (3,)
+        kinds = outcrop.Evaluated.TRIANGLE, outcrop.Evaluated.TRIANGLE, outcrop.Evaluated.NOTHING
+        assert found["kind"].tolist() == list(kinds)
+        assert numpy.allclose(found["position"][:2], hits["position"][:2], atol=1e-5)
+        # At the end of the axis a: a / b^2 and a / c^2.
+        assert numpy.allclose(found["curvatures"][0], (-2 / 9, -2), rtol=0.15)
+        assert numpy.allclose(found["curvatures"][1], (-1 / 9, -1 / 4), rtol=0.15)
+        assert numpy.allclose(found["normal"][0], (1, 0, 0), atol=0.05)
+        corners = scene.triangles(hits[:2])["corners"]
+        assert numpy.allclose(found["du"][:2], corners[:, 1] - corners[:, 0], atol=1e-6)
+        assert numpy.allclose(found["dv"][:2], corners[:, 2] - corners[:, 0], atol=1e-6)
+        one = scene.evaluate(scene.closest_one(eyes[0], (-1, 0, 0)))
+        assert one.shape == (1,) and numpy.allclose(one["du"], found["du"][:1])
+        assert scene.evaluate(hits, now=True)["kind"][2] == outcrop.Evaluated.NOTHING
+        wrong = hits.copy()
+        wrong["prim"][1] = 10**6
+        with pytest.raises(outcrop.ArgumentError, match="hit 1"):
+            scene.evaluate(wrong)
+        # Parameters of pixels are those of the triangle under them.
+        camera = outcrop.Camera(eye=(9, 0.01, 0.02), at=(0, 0.01, 0.02), up=(0, 0, 1), fov_y=10)
+        with context.frame(9, 9, buffers=[outcrop.Buffer.UV, outcrop.Buffer.PRIM]) as frame:
+            frame.request(scene, camera)
+            frame.wait()
+            uv, prim = frame.map(outcrop.Buffer.UV), frame.map(outcrop.Buffer.PRIM)
+            assert uv.shape == (9, 9, 2) and uv.dtype == numpy.float32
+            assert prim[4, 4] == hits["prim"][0] and numpy.allclose(uv[4, 4], hits["uv"][0], atol=1e-3)

@@ -5,6 +5,8 @@ pub mod dice;
 pub mod displacement;
 pub mod nurbs;
 pub mod point;
+pub mod shading;
 
 pub use dice::{Dicing, Quads, dice};
 pub use point::SurfacePoint;
+pub use shading::ShadingPoint;

@@ -159,6 +159,12 @@ pub(crate) fn distance(placed: &Placed, corners: &[Vec3; 3], ray: &Ray, [least, 
     plane.distance(org, dir).min(greatest).max(least)
 }
 
+/// Weights of the second and the third corner of a triangle's point nearest to `p`; 0 for a triangle without an area
+/// whose weights would be NaN.
+pub(crate) fn clamped_weights(corners: &[Vec3; 3], p: DVec3) -> [f64; 2] {
+    Plane::new(corners).clamped(p).0.map(|weight| if weight.is_nan() { 0.0 } else { weight })
+}
+
 /// The better of two intersections, and of a third one at the ray's point nearest to the better one's triangle point.
 #[cold]
 fn least_gap(plane: &Plane, org: DVec3, dir: DVec3, two: [Meeting; 2], at: impl Fn(f64) -> Meeting) -> Meeting {

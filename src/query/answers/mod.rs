@@ -10,7 +10,7 @@ pub(crate) mod stand_in;
 mod tree_hits;
 mod triangle;
 
-pub(crate) use meeting::{distance, meet};
+pub(crate) use meeting::{clamped_weights, distance, meet};
 pub(crate) use shading::weights;
 use shading::{shading_normal, world_corners};
 pub(crate) use tree_hits::TreeHits;
@@ -527,10 +527,10 @@ fn fill_parameters<const N: usize>(
         let ([u, v], hit) = (out[i].uv, hits.hit(i));
         let found = at.tree().parameters(&TriHit { u, v, ..hit });
         if want.has(Want::UV) {
-            out[i].uv = found.map_or([0.0; 2], |it| it.1);
+            out[i].uv = found.map_or([0.0; 2], |it| it.uv);
         }
         if want.has(Want::PRIM) && hit.stand_in().is_some() {
-            out[i].prim = found.map_or(NONE, |it| it.0.into());
+            out[i].prim = found.map_or(NONE, |it| it.face.into());
         }
     }
 }

@@ -52,6 +52,8 @@ pub(crate) struct Asks {
     /// Depth and error of triangles in double precision. If false, triangles count as exact.
     pub precise: bool,
     pub normals: bool,
+    /// Weights of triangles' corners in double precision, or the parameters of surfaces.
+    pub uvs: bool,
 }
 
 /// A worker's memory, and the first surfaces in the pixels of its packet.

@@ -24,6 +24,7 @@ pub(crate) struct First {
     pub instance: [u64; PACKET],
     pub occurrence: [u64; PACKET],
     pub error: [f32; PACKET],
+    pub uv: [[f32; 2]; PACKET],
 }
 
 impl First {
@@ -43,6 +44,7 @@ impl First {
         instance: [NONE; PACKET],
         occurrence: [NONE; PACKET],
         error: [0.0; PACKET],
+        uv: [[0.0; 2]; PACKET],
     };
 
     /// Removes all hits from what `asks` asks for.
@@ -61,6 +63,9 @@ impl First {
         }
         if asks.prims {
             self.prim = Self::NOTHING.prim;
+        }
+        if asks.uvs {
+            self.uv = Self::NOTHING.uv;
         }
     }
 

@@ -13,6 +13,7 @@ use crate::query::answers::{InTree, Seen, TreeHits, weights};
 use crate::render::wants::Wants;
 use crate::scene::placed::Placed;
 use crate::scene::walk::{HitTree, Need};
+use crate::structure::TriHit;
 use glam::{DVec3, Vec3, Vec4};
 
 /// Height at which a stand-in's rays begin above the surface that it replaces, as a fraction of the ray's width. The
@@ -345,13 +346,25 @@ impl Direct<'_> {
             for i in bits(note & cells) {
                 first.depth[i] = self.depth(rays.dir(i), surfaces.t[i] + one.ahead(i));
             }
+        }
+        if self.asks.precise || self.asks.uvs {
             let met = seen.meet(&one.at, note, |i| (rays.origin(i), rays.dir(i)), |i| surfaces.t[i]);
-            for i in bits(met) {
+            for i in bits(if self.asks.uvs { met } else { 0 }) {
+                first.uv[i] = seen.meetings().weights(i).map(|w| w as f32);
+            }
+            for i in bits(if self.asks.precise { met } else { 0 }) {
                 let t = seen.meetings().t(i) + one.ahead(i);
                 first.depth[i] = self.depth(rays.dir(i), t);
                 first.error[i] = seen.meetings().error(i);
                 first.error_px[i] = (f64::from(first.error[i]) / self.rays.pixel_width(t)) as f32;
                 first.inexact |= u32::from(first.error_px[i] != 0.0) << i;
+            }
+        }
+        if self.asks.uvs && tree.has_parameters() {
+            for i in bits(note) {
+                let [u, v] = first.uv[i];
+                let found = tree.parameters(&TriHit { u, v, ..one.hits.hit(i) });
+                first.uv[i] = found.map_or([0.0; 2], |it| it.uv);
             }
         }
         if self.asks.prims {

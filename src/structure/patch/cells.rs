@@ -5,7 +5,7 @@ use super::trace::{Cell, TreeView, planes_of};
 use crate::lod::{Coded, Look, Middle, OrientedSlab, OrientedSlabs, fields, normal_bytes, oriented_slabs, summary_bit};
 use crate::math::{Bounds, bits};
 use crate::structure::cell::{CellParts, Cells};
-use crate::structure::hit::{StandIn, TriHit};
+use crate::structure::hit::{InFace, StandIn, TriHit};
 use glam::{DVec3, Vec3};
 
 /// A cell that was hit.
@@ -77,17 +77,17 @@ impl<'a> TreeView<'a> {
     pub fn prefetch_cell(&self, _: &TriHit, _: bool) {}
 
     /// See [`crate::structure::Tree::parameters`].
-    pub fn parameters(&self, hit: &TriHit) -> Option<(u32, [f32; 2])> {
+    pub fn parameters(&self, hit: &TriHit) -> Option<InFace> {
         if hit.stand_in().is_some() {
             let Found::Frame(frame, level, number) = self.cell_at(hit)?.1 else { return None };
             let ((column, row), size) = (of_morton(number), 1.0 / (1u32 << level) as f32);
             let at = [column, row].map(|x| (x as f32 + 0.5) * size);
-            return Some((frame.face(), frame.in_face(at[0], at[1])));
+            return Some(in_face(&frame, at));
         }
         let number = grid_of(hit.tri);
-        let [u, v] = Grids(self.words(hit.block)?).grid(number)?.at(hit.tri, [hit.u, hit.v])?;
+        let at = Grids(self.words(hit.block)?).grid(number)?.at(hit.tri, [hit.u, hit.v])?;
         let (_, frame) = Block(self.words(hit.block.checked_sub(self.leaves_at)?)?).all_frames().nth(number)?;
-        Some((frame.face(), frame.in_face(u, v)))
+        Some(in_face(&frame, at))
     }
 
     /// See [`crate::structure::Tree::parts_in_cell`].
@@ -126,6 +126,11 @@ impl<'a> TreeView<'a> {
         };
         Some((cell, found))
     }
+}
+
+/// Where a point of the frame's square lies in the face.
+fn in_face(frame: &Frame, [u, v]: [f32; 2]) -> InFace {
+    InFace { face: frame.face(), corner: frame.corner(), uv: frame.in_face(u, v) }
 }
 
 /// The slabs of a box of a frame across its system's z and y.

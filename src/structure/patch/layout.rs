@@ -310,6 +310,11 @@ impl Frame<'_> {
         self.head[13]
     }
 
+    /// Corner of the face, of its vertices in order, in whose quad the frame is; 0 if the face has four corners.
+    pub fn corner(&self) -> u32 {
+        self.head[16]
+    }
+
     /// Place in the square of the face: level, column and row.
     pub fn place(&self) -> [u32; 3] {
         let word = self.head[15];

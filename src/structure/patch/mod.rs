@@ -22,6 +22,7 @@ mod leaf;
 pub mod net;
 pub mod nodes;
 pub mod open;
+mod points;
 mod ray;
 mod rows;
 pub mod trace;

@@ -267,7 +267,7 @@ impl Computed<'_> {
 
     /// The parameters in the patch of a vertex.
     #[inline(always)]
-    fn parameters(&self, level: u32, i: usize, j: usize) -> [f64; 2] {
+    pub fn parameters(&self, level: u32, i: usize, j: usize) -> [f64; 2] {
         let [i, j] = self.index(level, i, j);
         [self.parameter(level, 0, i), self.parameter(level, 1, j)]
     }

@@ -4,6 +4,7 @@ use super::calls::{camera, double, doubles, fine, given, id, init, ok, query, sm
 use super::objects::{Kind, Objects};
 use arbitrary::{Result, Unstructured};
 use outcrop::capi::crossings::*;
+use outcrop::capi::evaluate::*;
 use outcrop::capi::fit::*;
 use outcrop::capi::frame::*;
 use outcrop::capi::geometry::*;
@@ -55,7 +56,7 @@ pub(super) unsafe fn geometry(u: &mut Unstructured, o: &mut Objects) -> Result<(
         let model: *mut oc_model = o.any(Kind::Model, u)?.cast();
         let capacity: usize = u.int_in_range(0..=20)?;
         let mut count = 0;
-        match u.int_in_range(0..=6)? {
+        match u.int_in_range(0..=7)? {
             0 | 1 => {
                 let (mut query, rays) = query(u, o)?;
                 let (mut ends, mut complete) = (vec![0u64; rays], vec![0u8; rays]);
@@ -88,6 +89,18 @@ pub(super) unsafe fn geometry(u: &mut Unstructured, o: &mut Objects) -> Result<(
                 ok(oc_scene_triangles(scene, hits.as_ptr(), hits.len() as u64, 0, triangles.as_mut_ptr()));
             }
             5 => {
+                let (hits, flags) = (hits(u, o, scene)?, small(u, 3)?);
+                let mut points = vec![zeroed::<oc_surface_point>(); hits.len()];
+                let to = points.as_mut_ptr();
+                let status = oc_scene_evaluate(scene, hits.as_ptr(), hits.len() as u64, 0, flags, to, 0);
+                if fine(status) == OC_STATUS_OK {
+                    let is_number = |p: &oc_surface_point| {
+                        p.curvatures.iter().chain(&p.normal).chain(&p.du).chain(&p.dv).all(|x| x.is_finite())
+                    };
+                    assert!(points.iter().filter(|p| p.kind <= OC_EVALUATED_TRIANGLE).all(is_number));
+                }
+            }
+            6 => {
                 let part = id(u)?;
                 o.made(Kind::PartReader, |out| fine(oc_model_read_part(model, part, out)));
             }
