@@ -183,8 +183,7 @@ void run(const std::string &name, const char *picture) {
                 static_cast<unsigned long long>(clicked.prim), double(clicked.shading_normal[0]),
                 double(clicked.shading_normal[1]), double(clicked.shading_normal[2]));
     const oc_surface_point bend = scene.evaluate({clicked}).at(0);
-    std::printf("the surface bends by %.3f and %.3f there: radii of %.2f and %.2f\n", bend.curvatures[0],
-                bend.curvatures[1], 1 / bend.curvatures[0], 1 / bend.curvatures[1]);
+    std::printf("principal curvatures there: %.3f and %.3f\n", bend.curvatures[0], bend.curvatures[1]);
     // Seen from outside a surface that bulges bends away from its normal.
     if (bend.curvatures[1] >= 0) throw std::runtime_error("the box is hollow where it was clicked");
     const outcrop::pixels pixels = frame.map(OC_BUFFER_COLOUR_SRGB8);
