@@ -10,6 +10,8 @@ macro_rules! le {
 mod model;
 #[path = "format/page.rs"]
 mod page;
+#[path = "format/patch_page.rs"]
+mod patch_page;
 #[path = "format/patches.rs"]
 mod patches;
 #[path = "format/payloads.rs"]

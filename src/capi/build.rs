@@ -106,9 +106,9 @@ pub const OC_STAND_INS_PROXIES: oc_stand_ins = 2;
 pub type oc_surface_leaves = u32;
 /// The library chooses. At present OC_SURFACE_LEAVES_BOXES.
 pub const OC_SURFACE_LEAVES_AUTO: oc_surface_leaves = 0;
-/// Boxes alone are stored: the triangles are computed from the control points where a ray comes to them, at about a byte
-/// of memory for each triangle. Displaced surfaces, surfaces of degrees above 3, and small squares at vertices where the
-/// surface is no polynomial have facets.
+/// Boxes alone are stored: the triangles are computed from the control points where a ray comes to them, at about a
+/// byte of memory for each triangle. Displaced surfaces, surfaces of degrees above 3, and small squares at vertices
+/// where the surface is no polynomial have facets.
 pub const OC_SURFACE_LEAVES_BOXES: oc_surface_leaves = 1;
 /// The vertices of all triangles are stored, about seven bytes for each triangle: rays find them sooner.
 pub const OC_SURFACE_LEAVES_FACETS: oc_surface_leaves = 2;
@@ -190,8 +190,8 @@ pub struct oc_build_desc {
     pub displacement_scale: f64,
     /// One of the OC_SURFACE_LEAVES_ constants.
     pub surface_leaves: oc_surface_leaves,
-    /// With OC_STRUCTURE_PATCH, squares of surfaces with more than 128 triangles are divided while the normals of one are
-    /// not within a cone of this opening, in degrees up to 180. Smaller angles give tighter boxes, which take more
+    /// With OC_STRUCTURE_PATCH, squares of surfaces with more than 128 triangles are divided while the normals of one
+    /// are not within a cone of this opening, in degrees up to 180. Smaller angles give tighter boxes, which take more
     /// memory. 0: 30 degrees.
     pub surface_flat: f32,
 }

@@ -4,7 +4,7 @@ use super::{Content, NAME, Random, context, folder, names_the_file, picture};
 use crate::common::shapes;
 use glam::{DAffine3, DVec3, Vec3};
 use outcrop::base::progress::{Cancel, Progress};
-use outcrop::build::{BuildOptions, Builder, Structure};
+use outcrop::build::{BuildOptions, Builder, Structure, SurfaceLeaves};
 use outcrop::import::surfaces::{CageMesh, Dicing};
 use outcrop::import::{MeshKey, PartDesc, Sink};
 use outcrop::math::{Cone, DBounds, Ray};
@@ -18,10 +18,14 @@ use std::time::Duration;
 
 /// A cube with creases, each face a part of its own, diced to a level.
 fn built(level: u32) -> Content {
+    built_of(SurfaceLeaves::Boxes, level)
+}
+
+fn built_of(surface_leaves: SurfaceLeaves, level: u32) -> Content {
     let dir = folder();
     let path = dir.path().join(NAME);
     let (structure, dicing) = (Structure::Patch, Some(Dicing::Level(level)));
-    let options = BuildOptions { threads: 1, structure, dicing, ..BuildOptions::default() };
+    let options = BuildOptions { threads: 1, structure, surface_leaves, dicing, ..BuildOptions::default() };
     let mut builder = Builder::new(options, Arc::new(Progress::default()), Cancel::new()).unwrap();
     let shape = shapes::own().into_iter().find(|shape| shape.name == "cube_creases").unwrap();
     let part = |id| PartDesc { id: Some(100 + id), ..PartDesc::default() };
@@ -239,7 +243,7 @@ fn fault(content: &Content) -> String {
 fn leaf_blocks_of_other_frames_are_refused() {
     // A block is read twice before it is given up; the second time it is known as refused.
     const OTHER: &str = "its corresponding block are inconsistent";
-    let mut content = built(5);
+    let mut content = built_of(SurfaceLeaves::Facets, 5);
     let [coarse, fine, leaf, _] = tree(&mut content).class_blocks.map(|count| count as usize);
     assert!(fine > 1, "{fine} fine blocks");
     assert_eq!(fault(&content), "");

@@ -87,8 +87,8 @@ pub struct Args {
     #[arg(long, value_name = "N", conflicts_with = "tolerance",
         value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_LEVEL)))]
     level: Option<u32>,
-    /// With patch: triangles of surfaces are computed from control points where a ray comes to them, at about a byte for
-    /// each (boxes), or their vertices are stored (facets)
+    /// With patch: triangles of surfaces are computed from control points where a ray comes to them, at about a byte
+    /// for each (boxes), or their vertices are stored (facets)
     #[arg(long, default_value = "boxes", value_parser = common::one_of(SurfaceLeaves::ALL, SurfaceLeaves::name))]
     leaves: SurfaceLeaves,
     /// With patch: squares of surfaces are divided while their normals are not within a cone of this opening, at most

@@ -42,7 +42,7 @@ fn frame(number: usize, level: u32) -> BuiltFrame {
 }
 
 /// A tile of a saddle, rational or not: one of the squares of a level of its patch.
-fn of_saddle(place: [u32; 3], level: u32, is_rational: bool, steps: [u32; 4]) -> BuiltFrame {
+fn of_saddle(place: [[u32; 2]; 2], level: u32, is_rational: bool, steps: [u32; 4]) -> BuiltFrame {
     let weight = |i: usize| if is_rational { 1.0 + 0.25 * (i % 3) as f64 } else { 1.0 };
     let patch = BicubicPatch {
         points: std::array::from_fn(|i| {
@@ -69,9 +69,9 @@ fn of_saddle(place: [u32; 3], level: u32, is_rational: bool, steps: [u32; 4]) ->
         colour: Vec3::ONE,
         face: 8,
         corner: 0,
-        place,
+        place: [3, 1, 2],
         is_turned: false,
-        square: place,
+        square: [3, 1, 2],
         steps,
         patch: Some(patch),
     })
@@ -85,7 +85,7 @@ fn sound() -> [Vec<u32>; 3] {
         for number in frames {
             assert!(plans.push(frame(number, if number == 0 { 3 } else { 1 })).is_none());
         }
-        for (place, is_rational) in [([2, 1, 3], false), ([3, 0, 7], true), ([2, 2, 3], false)] {
+        for (place, is_rational) in [([[2, 1], [2, 3]], false), ([[3, 0], [3, 7]], true), ([[2, 2], [2, 3]], false)] {
             let frame = of_saddle(place, 2, is_rational, [0, 1, 2, 0]);
             assert_eq!((frame.grid[6], frame.net.is_some()), (1 << 16 | 2 << 8 | 1 << 4, true));
             assert!(plans.push(frame).is_none());
@@ -281,10 +281,10 @@ fn each_damage_of_leaf_blocks_is_found() {
         (vec![(smooth + 4, leaf[rational + 4])], "nets that do not begin with the first"),
         (vec![(rational + 4, net as u32)], "a net of another kind"),
         (vec![(last + 4, u32::MAX)], "a net nowhere"),
-        (vec![(smooth + 5, 13)], "a place below the finest"),
-        (vec![(smooth + 5, 2 | 4 << 4)], "a column beyond the patch"),
-        (vec![(smooth + 5, 2 | 4 << 16)], "a row beyond the patch"),
-        (vec![(smooth + 5, leaf[smooth + 5] | 1 << 28)], "a row with too many bits"),
+        (vec![(smooth + 5, 13 | 13 << 28)], "a place below the finest"),
+        (vec![(smooth + 5, 2 | 4 << 4 | 2 << 28)], "a column beyond the patch"),
+        (vec![(smooth + 5, 2 | 4 << 16 | 2 << 28)], "a row beyond the patch"),
+        (vec![(smooth + 5, leaf[smooth + 5] & 0x0fff_ffff)], "no level along v, but a row"),
         (vec![(smooth + 6, leaf[smooth + 6] | 3)], "an edge that is coarser than the grid"),
         (vec![(smooth + 6, leaf[smooth + 6] | 8 << 12)], "the last edge coarser than the grid"),
         (vec![(smooth + 6, leaf[smooth + 6] + (1 << 16))], "a correction more"),

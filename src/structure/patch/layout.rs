@@ -64,7 +64,8 @@
 //! | further words of a computed grid | |
 //! |---|---|
 //! | 4 | first word of the net |
-//! | 5 | place of the grid's square in the patch of the net: level (bits 0 to 3), column (4 to 15), row (16 to 27) |
+//! | 5 | place of the grid's square in the patch of the net: level (bits 0 to 3) and column (4 to 15) along u, row (16 to |
+//! | | 27) and level (28 to 31) along v |
 //! | 6 | bits 0 to 15: by how many levels the edges at v = 0, v = 1, u = 0 and u = 1 are coarser than the grid; their |
 //! | | points take the places of the vertices between them. Bits 16 to 31: number of corrections |
 //! | .. | corrections: number of the vertex, its coordinates |
@@ -410,7 +411,7 @@ impl<'a> Grids<'a> {
         let computed = Computed {
             net: Net::at(self.0.get(net_at as usize..)?, head[2] & IS_RATIONAL != 0)?,
             net_at,
-            place: [place & 15, place >> 4 & 0xfff, place >> 16],
+            place: [[place & 15, place >> 4 & 0xfff], [place >> 28, place >> 16 & 0xfff]],
             steps: shape & 0xffff,
             corrections: words.get(COMPUTED_WORDS..end)?.as_chunks().0,
         };

@@ -34,8 +34,8 @@ pub struct Computed<'a> {
     pub net: Net<'a>,
     /// First word of the net in the leaf block.
     pub net_at: u32,
-    /// Level, column and row of the grid's square among those of the patch.
-    pub place: [u32; 3],
+    /// The intervals of the grid's square along u and v of the patch: level, and index there.
+    pub place: [[u32; 2]; 2],
     /// By how many levels the edges at v = 0, v = 1, u = 0 and u = 1 are coarser than the grid, four bits each.
     pub steps: u32,
     /// Vertices that differ from those of the patch, by ascending numbers: [`CORRECTION_WORDS`] each.
@@ -260,8 +260,8 @@ impl Computed<'_> {
     /// The parameter in the patch of an index along an axis of the grid: 0 column, 1 row.
     #[inline(always)]
     fn parameter(&self, level: u32, axis: usize, index: usize) -> f64 {
-        let [above, column, row] = self.place;
-        let first = ([column, row][axis] as usize) << level;
+        let [above, at] = self.place[axis];
+        let first = (at as usize) << level;
         (first + index) as f64 * scale_of(above + level)
     }
 
@@ -344,8 +344,7 @@ impl<'a> Grid<'a> {
 
 /// Checks a computed grid of a level. Fails with the fault.
 pub fn check(grid: &Computed, level: u32) -> Result<(), String> {
-    let [above, column, row] = grid.place;
-    if above > MOST_PLACE || column.max(row) >> above != 0 {
+    if grid.place.iter().any(|[above, index]| *above > MOST_PLACE || index >> above != 0) {
         return Err("the place of a grid is not in the square of its patch".into());
     }
     if (0..4).any(|side| grid.steps >> (4 * side) & 15 > level) {
@@ -373,7 +372,7 @@ mod tests {
     use proptest::prelude::*;
 
     /// A patch of any control points, with its place.
-    fn patch(numbers: &[f64], is_rational: bool, place: [u32; 3]) -> BicubicPatch {
+    fn patch(numbers: &[f64], is_rational: bool, place: [[u32; 2]; 2]) -> BicubicPatch {
         let weight = |i: usize| if is_rational { 0.5 + numbers[48 + i].abs() } else { 1.0 };
         let point = |i: usize| DVec3::from_slice(&numbers[3 * i..]) * weight(i);
         BicubicPatch { points: std::array::from_fn(|i| point(i).extend(weight(i))), is_rational, place }
@@ -409,7 +408,7 @@ mod tests {
             (level, leaf, steps) in (1u32..=5, 0usize..256, prop::array::uniform4(0u32..3)),
             fix in prop::option::of(0u32..1089),
         ) {
-            let patch = patch(&numbers, is_rational, [3, 5, 2]);
+            let patch = patch(&numbers, is_rational, [[3, 5], [2, 1]]);
             let words = words_of(&patch);
             let leaf = leaf % (1 << (2 * (level - 1)));
             let steps = (0..4).map(|side| steps[side].min(level) << (4 * side)).sum();
@@ -435,7 +434,7 @@ mod tests {
             is_rational: bool,
             (u, v) in (0.01f64..0.99, 0.01f64..0.99),
         ) {
-            let patch = patch(&numbers, is_rational, [0; 3]);
+            let patch = patch(&numbers, is_rational, [[0; 2]; 2]);
             let words = words_of(&patch);
             let net = Net::at(&words, is_rational).unwrap();
             let at = |u: f64, v: f64| casteljau(&patch, u, v);

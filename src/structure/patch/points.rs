@@ -48,11 +48,11 @@ fn point_of_patch(
     let [second, third] = [hit.u, hit.v].map(f64::from);
     let [u, v] = [0, 1].map(|axis| a[axis] + second * (b[axis] - a[axis]) + third * (c[axis] - a[axis]));
     let [position, du, dv, duu, duv, dvv] = computed.net.derivatives(u, v);
-    // The grid is one square of the patch and one of the face. Both have sides of a power of two.
-    let scale = 2f64.powi(frame.place()[0] as i32 - computed.place[0] as i32);
-    let (first, both) = (scale, scale * scale);
-    let point =
-        SurfacePoint { position, du: du * first, dv: dv * first, duu: duu * both, duv: duv * both, dvv: dvv * both };
+    // The grid is a rectangle of the patch and a square of the face. Their sides are powers of two.
+    let level = frame.place()[0] as i32;
+    let [a, b] = computed.place.map(|[above, _]| 2f64.powi(level - above as i32));
+    let (du, dv, duu, duv, dvv) = (du * a, dv * b, duu * (a * a), duv * (a * b), dvv * (b * b));
+    let point = SurfacePoint { position, du, dv, duu, duv, dvv };
     let own = point.normal();
     let point = if frame.is_turned() {
         SurfacePoint { du: point.dv, dv: point.du, duu: point.dvv, dvv: point.duu, ..point }

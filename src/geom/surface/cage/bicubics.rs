@@ -2,7 +2,7 @@
 
 use super::bicubic::bezier;
 use super::plan::{Node, Plan};
-use crate::geom::surface::dice::{BicubicPatch, descend};
+use crate::geom::surface::dice::{BicubicPatch, Interval, descend, intervals};
 use glam::{DVec3, DVec4};
 
 const WHOLE: [f64; 2] = [0.0, 1.0];
@@ -18,15 +18,13 @@ pub(super) fn bicubic(plan: &Plan, point: impl Fn(u32) -> DVec3, mut place: [u32
             }
             Node::Regular(list) => {
                 let points = bezier(&plan.patch(list, &point), WHOLE, WHOLE);
-                return Some(turned(points, 0, place));
+                return Some(turned(points, 0, intervals(place)));
             }
             Node::Creased(list, patches, side) => {
-                let [level, column, row] = to_corner(place, side);
-                let size = 1.0 / f64::from(1u32 << level);
-                let ends = |at: u32| [f64::from(at) * size, f64::from(at + 1) * size];
-                let (patch, across) = across_crease(patches, ends(row))?;
-                let points = bezier(&plan.patch(list + 16 * patch, &point), ends(column), across);
-                return Some(turned(points, side, [0; 3]));
+                let [along, across] = intervals(to_corner(place, side));
+                let (patch, across) = across_crease(patches, across)?;
+                let points = bezier(&plan.patch(list + 16 * patch, &point), WHOLE, WHOLE);
+                return Some(turned(points, side, [along, across]));
             }
             Node::Irregular(list, pattern, corner) => {
                 let pattern = &plan.patterns[pattern as usize];
@@ -37,7 +35,7 @@ pub(super) fn bicubic(plan: &Plan, point: impl Fn(u32) -> DVec3, mut place: [u32
                     at = below;
                     if child > 0 {
                         let points = std::array::from_fn(|i| pattern.children.point(16 * (child - 1) + i, &ring));
-                        return Some(turned(bezier(&points, WHOLE, WHOLE), corner, from_corner(at, corner)));
+                        return Some(turned(bezier(&points, WHOLE, WHOLE), corner, intervals(at)));
                     }
                     ring = (0..ring.len()).map(|i| pattern.ring.point(i, &ring)).collect();
                 }
@@ -47,17 +45,14 @@ pub(super) fn bicubic(plan: &Plan, point: impl Fn(u32) -> DVec3, mut place: [u32
 }
 
 /// The patch at a crease that holds an interval of distances from it, and the interval there: see `evaluate`.
-fn across_crease(patches: u32, [mut low, mut high]: [f64; 2]) -> Option<(u32, [f64; 2])> {
+fn across_crease(patches: u32, [mut level, index]: Interval) -> Option<(u32, Interval)> {
     for patch in 0..patches - 1 {
-        (low, high) = (2.0 * low, 2.0 * high);
-        if low >= 1.0 {
-            return Some((patch, [low - 1.0, high - 1.0]));
-        }
-        if high > 1.0 {
-            return None;
+        level = level.checked_sub(1)?;
+        if index >> level == 1 {
+            return Some((patch, [level, index - (1 << level)]));
         }
     }
-    Some((patches - 1, [low, high]))
+    Some((patches - 1, [level, index]))
 }
 
 /// The place of a square in the quad that is turned so that it begins at `corner`: see `evaluate::to_corner`.
@@ -71,18 +66,20 @@ fn to_corner([level, column, row]: [u32; 3], corner: u32) -> [u32; 3] {
     }
 }
 
-/// The inverse of [`to_corner`].
-fn from_corner(place: [u32; 3], corner: u32) -> [u32; 3] {
-    to_corner(place, (4 - corner) % 4)
-}
-
-/// The patch of Bézier points of the quad that is turned so that it begins at `corner`.
-fn turned(points: [DVec3; 16], corner: u32, place: [u32; 3]) -> BicubicPatch {
+/// The patch of Bézier points of the quad that is turned so that it begins at `corner`, with a place there.
+fn turned(points: [DVec3; 16], corner: u32, [u, v]: [Interval; 2]) -> BicubicPatch {
     // At (column, row) of the quad are the points of the turned quad's column and row.
     let from = |i: usize| {
         let [_, column, row] = to_corner([2, (i % 4) as u32, (i / 4) as u32], corner);
         points[(4 * row + column) as usize]
     };
     let points: [DVec4; 16] = std::array::from_fn(|i| from(i).extend(1.0));
+    let mirrored = |[level, index]: Interval| [level, (1 << level) - 1 - index];
+    let place = match corner {
+        0 => [u, v],
+        1 => [mirrored(v), u],
+        2 => [mirrored(u), mirrored(v)],
+        _ => [v, mirrored(u)],
+    };
     BicubicPatch { points, is_rational: false, place }
 }

@@ -2,20 +2,23 @@
 
 use glam::DVec4;
 
-/// A Bézier patch of degree 3 along u and v, rational or not, and a square of its parameters.
+/// An interval of parameters from 0 to 1: its level, and its index among the 2^level intervals of the level.
+pub type Interval = [u32; 2];
+
+/// A Bézier patch of degree 3 along u and v, rational or not, and a rectangle of its parameters.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BicubicPatch {
     /// Control points (w P, w) in homogeneous coordinates, rows along u; all weights are positive.
     pub points: [DVec4; 16],
     /// False if all weights are 1.
     pub is_rational: bool,
-    /// The square: level, column and row among the 4^level squares of the patch.
-    pub place: [u32; 3],
+    /// The rectangle: its intervals along u and along v.
+    pub place: [Interval; 2],
 }
 
 impl BicubicPatch {
     /// The patch of control points of degrees of at most 3, rows along u; `None` if a degree is higher or 0.
-    pub fn elevated(points: &[DVec4], degree: [usize; 2], is_rational: bool, place: [u32; 3]) -> Option<Self> {
+    pub fn elevated(points: &[DVec4], degree: [usize; 2], is_rational: bool, place: [Interval; 2]) -> Option<Self> {
         let [p, q] = degree;
         if !(1..=3).contains(&p) || !(1..=3).contains(&q) || points.len() != (p + 1) * (q + 1) {
             return None;
@@ -28,14 +31,25 @@ impl BicubicPatch {
                 out[4 * row + column] = point;
             }
         }
+        if !is_rational {
+            // Interpolation rounds weights too.
+            out.iter_mut().for_each(|p| p.w = 1.0);
+        }
         Some(Self { points: out, is_rational, place })
     }
 
     /// The same patch with u and v exchanged.
     pub fn transposed(&self) -> Self {
-        let [level, column, row] = self.place;
+        let [u, v] = self.place;
         let points = std::array::from_fn(|i| self.points[i % 4 * 4 + i / 4]);
-        Self { points, is_rational: self.is_rational, place: [level, row, column] }
+        Self { points, is_rational: self.is_rational, place: [v, u] }
+    }
+
+    /// The same patch with a quarter of the rectangle: of the lower half along u for `i` = 0, along v for `j` = 0.
+    pub fn quarter(&self, i: u32, j: u32) -> Self {
+        let [u, v] = self.place;
+        let half = |[level, index]: Interval, which: u32| [level + 1, 2 * index + which];
+        Self { place: [half(u, i), half(v, j)], ..*self }
     }
 }
 
@@ -51,6 +65,11 @@ fn to_cubic(points: &[DVec4]) -> [DVec4; 4] {
         }
     }
     out
+}
+
+/// The intervals of a square: level, column and row.
+pub fn intervals([level, column, row]: [u32; 3]) -> [Interval; 2] {
+    [[level, column], [level, row]]
 }
 
 /// The quarter of a square of a place, as the child of its first level, and the place in that child. `None` for the
@@ -101,11 +120,12 @@ mod tests {
                 met += 1;
                 for _ in 0..4 {
                     let (u, v) = (rng.unit(), rng.unit());
-                    let at = |[level, column, row]: [u32; 3]| {
-                        let scale = 1.0 / f64::from(1u32 << level);
-                        ((f64::from(column) + u) * scale, (f64::from(row) + v) * scale)
+                    let at = |[x, y]: [Interval; 2]| {
+                        let of = |[level, index]: Interval, t: f64| (f64::from(index) + t) / f64::from(1u32 << level);
+                        (of(x, u), of(y, v))
                     };
-                    let ((a, b), (c, d)) = (at(place), at(patch.place));
+                    let ((a, b), (c, d)) = (at(intervals(place)), at(patch.place));
+                    assert!(patch.place.iter().all(|[level, index]| index >> level == 0), "{:?}", patch.place);
                     let (expected, found) = (quads.sample(quad, a, b).position, point(&patch, c, d));
                     assert!(expected.distance(found) <= 1e-13 * size, "quad {quad}, {place:?}: {expected}, {found}");
                     let (found, turned) = (point(&patch, c, d), patch.transposed());

@@ -3,7 +3,7 @@
 
 use super::bezier::BezierPatch;
 use super::surface::Nurbs;
-use crate::geom::surface::dice::{BicubicPatch, Quads, Sample, Side};
+use crate::geom::surface::dice::{BicubicPatch, Quads, Sample, Side, intervals};
 use glam::DVec4;
 use std::cell::OnceCell;
 
@@ -223,7 +223,7 @@ impl Quads for NurbsQuads<'_> {
             (p.truncate() + origin * p.w).extend(p.w)
         };
         let points: Vec<DVec4> = (0..points.len()).map(point).collect();
-        BicubicPatch::elevated(&points, degree, patch.is_rational(), place)
+        BicubicPatch::elevated(&points, degree, patch.is_rational(), intervals(place))
     }
 
     /// The patch is made at the first point: edges of one segment evaluate none.

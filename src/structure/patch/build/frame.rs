@@ -98,7 +98,7 @@ impl Tile {
             place: below(self.place),
             square: below(self.square),
             steps: [at(j == 0, a), at(j == 1, b), at(i == 0, c), at(i == 1, d)],
-            patch: self.patch.as_ref().map(|patch| BicubicPatch { place: below(patch.place), ..*patch }),
+            patch: self.patch.as_ref().map(|patch| patch.quarter(i as u32, j as u32)),
             ..*self
         }
     }

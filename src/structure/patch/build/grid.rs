@@ -23,12 +23,12 @@ pub fn stored(tile: &Tile) -> (Vec<u32>, Option<Vec<u32>>, Vec<u32>) {
 pub fn computed(tile: &Tile) -> Option<(Vec<u32>, Vec<u32>)> {
     let patch = tile.patch.as_ref()?;
     let (net, is_rational) = (words_of(patch), patch.is_rational);
-    let [level, column, row] = patch.place;
+    let [[above_u, column], [above_v, row]] = patch.place;
     // Grids of a patch share its net.
-    let of_net = net.len() >> (2 * level).min(31);
+    let of_net = net.len() >> (above_u + above_v).min(31);
     let of_stored = GRID_WORDS + tile.positions.len() * 4;
     let most = of_stored.checked_sub(COMPUTED_WORDS + of_net)? / CORRECTION_WORDS;
-    if level > MOST_PLACE || Net::at(&net, is_rational)?.check().is_err() {
+    if above_u.max(above_v) > MOST_PLACE || Net::at(&net, is_rational)?.check().is_err() {
         return None;
     }
     let mut steps = 0;
@@ -36,7 +36,7 @@ pub fn computed(tile: &Tile) -> Option<(Vec<u32>, Vec<u32>)> {
         // The nearest points of an edge that is coarser than the tile are not on the tile.
         steps |= if step > tile.level { 0 } else { step << (4 * side) };
     }
-    let place = [level, column, row];
+    let place = patch.place;
     let predicted = Computed { net: Net::at(&net, is_rational)?, net_at: 0, place, steps, corrections: &[] };
     let (side, mut corrections) = (tile.side(), Vec::new());
     for (number, p) in tile.positions.iter().enumerate() {
@@ -48,7 +48,7 @@ pub fn computed(tile: &Tile) -> Option<(Vec<u32>, Vec<u32>)> {
         return None;
     }
     let kind = tile.level | IS_COMPUTED | if is_rational { IS_RATIONAL } else { 0 };
-    let place = level | column << 4 | row << 16;
+    let place = above_u | column << 4 | row << 16 | above_v << 28;
     let mut grid = vec![tile.part, tile.face, kind, 0, 0, place, steps | (corrections.len() as u32) << 16];
     grid.extend(corrections.as_flattened());
     Some((grid, net))
