@@ -25,10 +25,9 @@ fn height(at: Vec2) -> f32 {
 }
 
 impl Tree {
-    /// The sheet in tiles of a level, in the order of a curve that fills the square.
+    /// The sheet in tiles of a level.
     fn sheet(level: u32) -> Self {
         let mut plans = Plans::default();
-        let mut full = Vec::new();
         for number in 0..SIDE * SIDE {
             let (i, j) = super::super::layout::of_morton(number);
             let side = (1 << level) + 1;
@@ -54,11 +53,10 @@ impl Tree {
                 steps: [0; 4],
                 patch: None,
             };
-            full.extend(plans.push(build(&tile)));
+            plans.push(build(&tile));
         }
-        full.extend(plans.end());
         let (mut fine, mut leaves, mut cells) = (Vec::new(), Vec::new(), Vec::new());
-        for plan in full {
+        for plan in plans.close() {
             let ([of_frames, of_grids], cell, _) = encode(plan);
             fine.push(words(&of_frames));
             leaves.push(words(&of_grids));
