@@ -1,5 +1,5 @@
 //! The build of a tree of a surface: the surface is cut into square tiles of a grid, each flat enough for a system of
-//! its own, and these fill blocks in the order of the surface (`structure::bake::surfaces`).
+//! its own, and neighbours share blocks (`structure::bake::surfaces`).
 //!
 //! Tiles are made a few at a time, on all threads, and their blocks are put aside at once: memory is that of the
 //! surface's control points and of what the tree above blocks takes, whatever the number of triangles.
@@ -16,6 +16,7 @@ use crate::base::progress::Phase;
 use crate::geom::surface::dice::{BicubicPatch, Dicer, Dicing, Quads, Tile as Samples};
 use crate::math::{Bounds, DBounds};
 use crate::store::TreeRow;
+use crate::structure::Par;
 use crate::structure::bake::Counts;
 use crate::structure::bake::surfaces::{self as bake, BuiltFrame, CLASSES, MOST_LEVEL, Plan, Plans, Tile, Upper};
 use glam::{DVec3, Vec3, Vec4};
@@ -24,6 +25,8 @@ use std::time::Instant;
 
 /// Tiles that a thread makes at a time, of the greatest level.
 const TILES: usize = 8;
+/// Tiles of a quad whose plans are made at a time: a square of so many.
+const SQUARE: usize = 256;
 /// Work that is done before blocks are encoded, in such portions.
 const BATCH: usize = 32;
 
@@ -51,12 +54,16 @@ struct Work {
     quad: usize,
     level: u32,
     tiles: std::ops::Range<usize>,
+    /// True if plans are made of its frames and those before.
+    is_last: bool,
 }
 
 /// Tiles that are made.
 #[derive(Default)]
 struct Made {
     frames: Vec<BuiltFrame>,
+    /// See [`Work::is_last`].
+    is_last: bool,
     parts: BTreeMap<u32, OfPart>,
     position_error: f64,
 }
@@ -120,7 +127,7 @@ impl Patches<'_> {
         };
         let levels = par.map(quads.count(), |quad| if cancel.check().is_ok() { dicer.level(quad) } else { 1 });
         cancel.check()?;
-        let works = works(quads, &bounds, &levels);
+        let works = works(quads, origin, &levels, &par);
         let mut blocks = Blocks {
             plans: Plans::default(),
             ready: Vec::new(),
@@ -141,20 +148,22 @@ impl Patches<'_> {
                 Ok(maker.make(&work))
             });
             for made in made {
-                let Made { frames, parts, position_error } = made?;
+                let Made { frames, is_last, parts, position_error } = made?;
                 row.position_error = row.position_error.max(position_error);
                 parts.into_iter().for_each(|(part, of)| of.add_to(&mut of_parts, part));
                 row.triangles += frames.iter().map(|frame| frame.triangles).sum::<u64>();
-                frames.into_iter().for_each(|frame| blocks.push(frame));
+                frames.into_iter().for_each(|frame| blocks.plans.push(frame));
+                if is_last || blocks.plans.is_full() {
+                    blocks.ready.extend(blocks.plans.close());
+                }
             }
             let most = self.options.max_triangles;
             if most > 0 && output.report.triangles_in + row.triangles > most {
                 return Err(Error::OverLimit { what: "triangles of the input", most, limit: "max_triangles" });
             }
-            blocks.put_aside(output, false)?;
+            blocks.put_aside(output)?;
             progress.advance(span.part(done as f64 / total as f64 * 0.9, 1.0).0);
         }
-        blocks.put_aside(output, true)?;
         output.report.chunks += 1;
         assembly.add(self.index, origin, &of_parts, cancel)?;
         output.report.seconds.build += begun.elapsed().as_secs_f64();
@@ -167,30 +176,29 @@ impl Patches<'_> {
     }
 }
 
-/// The place of a point of the unit cube along a curve that fills it: bits of the coordinates in turn.
-fn key_of(at: DVec3) -> u64 {
-    let steps = (at * 1023.0).to_array().map(|x| x as u64);
-    (0..10).fold(0, |key, bit| (0..3).fold(key, |key, axis| key | (steps[axis] >> bit & 1) << (3 * bit + axis)))
-}
-
-/// The work in an order in which neighbours follow each other.
-fn works<Q: Quads>(quads: &Q, bounds: &DBounds, levels: &[u32]) -> Vec<Work> {
-    let extent = bounds.extent().max(DVec3::splat(f64::MIN_POSITIVE));
-    let key = |quad: usize| {
-        let at = (quads.sample(quad, 0.5, 0.5).position - bounds.min) / extent;
-        key_of(at.clamp(DVec3::ZERO, DVec3::ONE))
-    };
-    let mut order: Vec<(u64, usize)> = (0..levels.len()).map(|quad| (key(quad), quad)).collect();
-    order.sort_unstable();
+/// The work in an order in which neighbours follow each other: groups of quads by a partition of their middles, and the
+/// tiles of a quad along a curve that fills its square.
+fn works<Q: Quads + Sync>(quads: &Q, origin: DVec3, levels: &[u32], par: &Par) -> Vec<Work> {
+    // Tiles of a quad, by the logarithm of their number.
+    let tiles = |level: u32| 2 * (level - level.min(MOST_LEVEL));
+    let is_computed = quads.has_bicubics();
+    let mut items = par.map(levels.len(), |quad| {
+        let middle = (quads.sample(quad, 0.5, 0.5).position - origin).as_vec3();
+        let load = bake::expected(levels[quad].min(MOST_LEVEL), 1 << tiles(levels[quad]), is_computed);
+        bake::Item { bounds: Bounds { min: middle, max: middle }, load, index: quad as u32 }
+    });
+    let groups = bake::pack(&mut items, bake::AT_A_TIME, f32::INFINITY);
     let mut works = Vec::new();
-    for (_, quad) in order {
-        let level = levels[quad];
-        let count = 1usize << (2 * (level - level.min(MOST_LEVEL)));
-        works.extend((0..count).step_by(TILES).map(|first| Work {
-            quad,
-            level,
-            tiles: first..count.min(first + TILES),
-        }));
+    for group in groups {
+        for item in &items[group] {
+            let (quad, level) = (item.index as usize, levels[item.index as usize]);
+            let count = 1usize << tiles(level);
+            works.extend((0..count).step_by(TILES).map(|first| {
+                let tiles = first..count.min(first + TILES);
+                Work { quad, level, is_last: tiles.end % SQUARE == 0, tiles }
+            }));
+        }
+        works.last_mut().into_iter().for_each(|last: &mut Work| last.is_last = true);
     }
     works
 }
@@ -216,7 +224,8 @@ struct Maker<'a, Q> {
 
 impl<Q: Quads> Maker<'_, Q> {
     fn make(&self, work: &Work) -> Made {
-        let (mut made, mut samples) = (Made::default(), Samples::default());
+        let mut made = Made { is_last: work.is_last, ..Made::default() };
+        let mut samples = Samples::default();
         let level = work.level.min(MOST_LEVEL);
         let home = (self.home)(work.quad);
         let face = self.first_face + home.face;
@@ -327,15 +336,8 @@ struct Blocks {
 }
 
 impl Blocks {
-    fn push(&mut self, frame: BuiltFrame) {
-        self.ready.extend(self.plans.push(frame));
-    }
-
-    /// Encodes the blocks that are full, or all.
-    fn put_aside(&mut self, output: &mut Output, all: bool) -> Result<()> {
-        if all {
-            self.ready.extend(std::mem::take(&mut self.plans).end());
-        }
+    /// Encodes the blocks that are planned.
+    fn put_aside(&mut self, output: &mut Output) -> Result<()> {
         let encoded = output.par.map_items(std::mem::take(&mut self.ready), bake::encode);
         let mut baked = Vec::with_capacity(encoded.len());
         for (blocks, cell, counts) in encoded {

@@ -217,7 +217,9 @@ pub trait Baker {
 /// no trait.
 pub mod surfaces {
     use super::{Structure, patch};
-    pub use patch::build::{BuiltFrame, Cell, Plan, Plans, Tile, Upper, build, encode, max_stack};
+    pub use patch::build::{
+        AT_A_TIME, BuiltFrame, Cell, Item, Plan, Plans, Tile, Upper, build, encode, expected, max_stack, pack,
+    };
     pub use patch::layout::{CLASSES, MOST_LEVEL, of_morton};
 
     /// The structure of the trees.

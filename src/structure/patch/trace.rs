@@ -434,7 +434,9 @@ impl<S: Simd> InFrame<'_, S> {
     fn settles<const ANY: bool>(&self, cell: &Open, leave: f32, walk: &mut Walk) -> bool {
         let here = Judged { cell: Cell::Frame(self.at, cell.level, cell.number), block: self.block, parts: self.parts };
         let is_missing = self.lacks_grids && cell.level == self.levels;
-        let across = [cell.enter + self.from, leave + self.from];
+        // The content of the cell is in the box of the frame too. So no stand-in is nearer than its frame, and a frame
+        // beyond the best hit has none that is better, in whatever order frames are visited.
+        let across = [cell.enter.max(0.0) + self.from, leave + self.from];
         here.settles::<ANY>(self.ray, across, self.local.area(&cell.planes), is_missing, walk)
     }
 }

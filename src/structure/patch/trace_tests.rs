@@ -25,10 +25,9 @@ fn height(at: Vec2) -> f32 {
 }
 
 impl Tree {
-    /// The sheet in tiles of a level, in the order of a curve that fills the square.
+    /// The sheet in tiles of a level.
     fn sheet(level: u32) -> Self {
         let mut plans = Plans::default();
-        let mut full = Vec::new();
         for number in 0..SIDE * SIDE {
             let (i, j) = super::super::layout::of_morton(number);
             let side = (1 << level) + 1;
@@ -54,11 +53,10 @@ impl Tree {
                 steps: [0; 4],
                 patch: None,
             };
-            full.extend(plans.push(build(&tile)));
+            plans.push(build(&tile));
         }
-        full.extend(plans.end());
         let (mut fine, mut leaves, mut cells) = (Vec::new(), Vec::new(), Vec::new());
-        for plan in full {
+        for plan in plans.close() {
             let ([of_frames, of_grids], cell, _) = encode(plan);
             fine.push(words(&of_frames));
             leaves.push(words(&of_grids));
@@ -115,4 +113,34 @@ fn rays_do_little_work() {
     assert!(met > 3500, "{met}");
     let each = |count: u64| count as f64 / 4096.0;
     assert!(each(counters.leaves) < 2.0 && each(counters.nodes) < 12.0, "{counters:?}");
+}
+
+/// A frame that is farther than the best hit is not visited: none of its boxes may stand in before the frame begins,
+/// though boxes reach out of it.
+#[test]
+fn stand_ins_are_no_nearer_than_their_frames() {
+    let tree = Tree::sheet(2);
+    let view = tree.view(Isa::Baseline);
+    let (mut walk, mut checked) = (Walk::new(), 0);
+    for i in 0..4096 {
+        let at = Vec2::new((i % 64) as f32 + 0.37, (i / 64) as f32 + 0.61) / 64.0;
+        // Nearly along the sheet, in all directions.
+        let dir = Vec2::from_angle(i as f32).extend(-0.3);
+        let cone = Cone { a: 0.1, b: 0.0 };
+        let ray = LocalRay { org: at.extend(0.0) - dir, dir, t_min: 0.0, t_max: f32::INFINITY, cone };
+        walk.begin(&view, &ray);
+        assert_eq!(view.closest(None, &mut walk), Outcome::Done);
+        let hit = walk.best();
+        let Some(StandIn { item, .. }) = hit.stand_in() else { continue };
+        let Cell::Frame(word, ..) = Cell::of(item) else { continue };
+        let block = Block(view.words(hit.block).unwrap());
+        let nodes = (0..block.nodes()).filter_map(|index| block.node(index));
+        let mut slots = nodes.flat_map(|node| (0..8).map(move |slot| (node, slot)));
+        let (node, slot) = slots.find(|(node, slot)| node.child(*slot) == Child::Frame(word)).unwrap();
+        let ray = Prepared::new(ray, view.max_coord, None);
+        let (met, enter) = ray.boxes(crate::simd::Portable::new(), node.rows(), f32::INFINITY);
+        assert!(met >> slot & 1 == 1 && hit.t >= enter[slot], "{hit:?}: the frame begins at {}", enter[slot]);
+        checked += 1;
+    }
+    assert!(checked > 2000, "{checked}");
 }

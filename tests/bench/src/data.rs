@@ -180,6 +180,9 @@ pub struct Benchmark {
     /// Instances of the model, for `measure = "many"`.
     #[serde(default)]
     pub instances: usize,
+    /// Levels to which a cage is diced, for `measure = "surfaces"`.
+    #[serde(default)]
+    pub levels: Vec<u32>,
     /// Gaps along x between the boxes of two instances, in diagonals of the model, for `measure = "distance"`.
     #[serde(default)]
     pub gaps: Vec<f64>,
@@ -216,6 +219,8 @@ pub enum Measure {
     Nearest,
     /// CPU time of finding the distance of two instances, in one thread.
     Distance,
+    /// Bytes of surfaces, and CPU time of rays on them, in one thread.
+    Surfaces,
     /// CPU time of commits of many instances of a model, and of rays in three views of them, in one thread.
     Many,
 }
@@ -478,6 +483,9 @@ impl Benchmark {
             {
                 fault("many instances take one structure, one thread, a number of instances, and PoE, 0 first".into())
             }
+            Measure::Surfaces if lacks_rays || self.levels.is_empty() || self.threads != [1] => {
+                fault("surfaces take levels, and what tracing takes, in one thread".into())
+            }
             Measure::Many if !self.peers.iter().all(|peer| PLACING_PEERS.contains(&peer.as_str())) => {
                 fault(format!("many instances are measured beside {}", PLACING_PEERS.join(", ")))
             }
@@ -574,6 +582,7 @@ mod tests {
         assert!(wrong("'trace'", "'nearest'").contains("and points"));
         assert!(wrong("'trace'", "'distance'").contains("and gaps"));
         assert!(wrong("'trace'", "'many'").contains("a number of instances"));
+        assert!(wrong("'trace'", "'surfaces'").contains("levels"));
         assert!(wrong("'trace'", "'many'\ninstances = 9\npeers = ['obvhs']").contains("beside embree"));
         let twice = SCENE.replace("triangles", "also_at = [[9, 0, 0]]\ntriangles");
         let many = |trace: &str| Data::parse(&format!("{STRUCTURE}{twice}{trace}"));

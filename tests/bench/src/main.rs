@@ -28,6 +28,7 @@ mod record;
 mod scenes;
 mod settings;
 mod sides;
+mod surfaces;
 mod trace;
 
 use clap::Parser;
@@ -170,12 +171,14 @@ fn run(is_only_expecting: bool, clock: Clock, picks: impl Fn(&Benchmark, &str) -
                 Measure::Nearest => nearest::measure(&mut task)?,
                 Measure::Distance => nearest::apart::measure(&mut task)?,
                 Measure::Many => many::measure(&mut task)?,
+                Measure::Surfaces => surfaces::measure(&mut task)?,
             };
             record::append(&record::path(), &records)?;
             all.extend(records);
         }
     }
-    let tables = [settings::table(&all), clash::table(&all), nearest::table(&all), many::table(&all)];
+    let tables =
+        [settings::table(&all), clash::table(&all), nearest::table(&all), many::table(&all), surfaces::table(&all)];
     print!("{}", tables.concat());
     if found == 0 {
         return Err(Failure::new("no such benchmark or scene"));

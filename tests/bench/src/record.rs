@@ -54,6 +54,7 @@ pub enum Outcomes {
     Clash(Clashed),
     Nearest(Near),
     Many(Box<Many>),
+    Surfaces(Box<Surfaced>),
 }
 
 /// Time of tracing rays, or of a picture.
@@ -309,6 +310,31 @@ pub struct Many {
     pub stated: Option<f64>,
     /// Against exact answers of outcrop.
     pub accuracy: Option<Accuracy>,
+}
+
+/// Rays on a surface at a level.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Surfaced {
+    /// A structure of outcrop, or a kind of Embree's geometries.
+    pub side: String,
+    pub is_peer: bool,
+    /// The peer's version and way of asking.
+    pub call: String,
+    /// 2 to this power segments along each side of a face.
+    pub level: u32,
+    pub view: usize,
+    pub rays: String,
+    pub poe: f32,
+    pub count: usize,
+    /// Of exact rays.
+    pub hits: usize,
+    pub seconds: Spread,
+    /// By the median of seconds.
+    pub mrays: f64,
+    /// All that rays need of the surface in memory.
+    pub bytes: u64,
+    /// Rays that hit only in one of both, or end elsewhere than exact ones of the first structure.
+    pub differ: usize,
 }
 
 /// Behind a commit that is not all of what was measured.

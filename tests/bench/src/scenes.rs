@@ -88,6 +88,11 @@ impl Scene {
         Ok(Some(Self { row: row.clone(), source }))
     }
 
+    /// The file that it comes from, if it does.
+    pub fn file(&self) -> Option<&Path> {
+        if let Source::File(path) = &self.source { Some(path) } else { None }
+    }
+
     /// Sends its triangles to a sink.
     pub fn fill(&self, sink: &mut dyn Sink) -> Outcome {
         match &self.source {
@@ -188,7 +193,10 @@ impl Scene {
 
 /// A builder with so many threads; 0 for all.
 pub fn builder(structure: &StructureRow, threads: usize) -> Result<Builder, Failure> {
-    let options = BuildOptions { threads, ..structure.options()? };
+    builder_with(BuildOptions { threads, ..structure.options()? })
+}
+
+pub fn builder_with(options: BuildOptions) -> Result<Builder, Failure> {
     Ok(Builder::new(options, Arc::new(Progress::default()), Cancel::new())?)
 }
 

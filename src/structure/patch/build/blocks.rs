@@ -1,85 +1,14 @@
-//! Blocks: frames in the order in which they come fill a fine block and its leaf block; coarse blocks are over these.
+//! Blocks: the frames of a plan are a fine block and its leaf block; coarse blocks are over these.
 
 use super::cell::Cell;
-use super::frame::BuiltFrame;
-use super::nodes::Nodes;
+use super::nodes::{Nodes, most_nodes};
+use super::pack::{Item, pack};
+use super::plans::{Plan, SPARE};
 use crate::math::Bounds;
 use crate::structure::bake::{BakedBlock, Counts};
 use crate::structure::patch::layout::{
-    Child, GRIDS, HEAD_WORDS, IS_COMPUTED, LONG_VOXEL, MAX_WORDS, MOST_GRIDS, NODE_WORDS, NODES,
+    Child, GRIDS, HEAD_WORDS, IS_COMPUTED, LONG_VOXEL, MAX_WORDS, NODE_WORDS, NODES,
 };
-use std::collections::HashMap;
-
-/// The frames of a fine block.
-#[derive(Default)]
-pub struct Plan {
-    frames: Vec<BuiltFrame>,
-    /// The nets of computed grids, by their words, and their words in order.
-    nets: HashMap<Vec<u32>, usize>,
-    net_words: Vec<u32>,
-    /// Words of the leaf block, and of the frames.
-    leaf: usize,
-    fine: usize,
-}
-
-/// Most nodes over a number of items: each node has eight children, or two items or more and nothing else.
-const fn most_nodes(items: usize) -> usize {
-    items * 4 / 7 + 1
-}
-
-impl Plan {
-    /// True if a frame fits.
-    fn has_room(&self, frame: &BuiltFrame) -> bool {
-        let count = self.frames.len() + 1;
-        let leaf = 2 + self.leaf + self.net_words.len() + words_of_leaf(frame) + frame.net.as_ref().map_or(0, Vec::len);
-        // Nodes have voxels, but frames have none.
-        let nodes = most_nodes(count) * (NODE_WORDS + LONG_VOXEL);
-        let fine = HEAD_WORDS + nodes + self.fine + frame.words.len();
-        count <= MOST_GRIDS && leaf <= MAX_WORDS && fine <= MAX_WORDS
-    }
-}
-
-/// Words of the leaf block that a frame takes, but for its net.
-fn words_of_leaf(frame: &BuiltFrame) -> usize {
-    1 + frame.grid.len()
-}
-
-impl Plan {
-    /// Adds a frame. Its grid refers to its net by the number of words before.
-    fn push(&mut self, mut frame: BuiltFrame) {
-        self.leaf += words_of_leaf(&frame);
-        self.fine += frame.words.len();
-        if let Some(net) = frame.net.take() {
-            let next = self.net_words.len();
-            let at = *self.nets.entry(net).or_insert_with_key(|net| {
-                self.net_words.extend(net);
-                next
-            });
-            frame.grid[4] = at as u32;
-        }
-        self.frames.push(frame);
-    }
-}
-
-/// Gathers frames into plans.
-#[derive(Default)]
-pub struct Plans {
-    open: Plan,
-}
-
-impl Plans {
-    /// Adds a frame. Returns a plan that is full, if one is.
-    pub fn push(&mut self, frame: BuiltFrame) -> Option<Plan> {
-        let full = if self.open.has_room(&frame) { None } else { Some(std::mem::take(&mut self.open)) };
-        self.open.push(frame);
-        full
-    }
-
-    /// The last plan, if it has frames.
-    pub fn end(self) -> Option<Plan> {
-        (!self.open.frames.is_empty()).then_some(self.open)
-    }
-}
 
 fn baked(words: &[u32]) -> BakedBlock {
     let payload: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
@@ -167,12 +96,12 @@ enum To {
 impl Upper {
     /// The coarse blocks over fine blocks, at least one, whose contents are given in order.
     pub fn over(fine: Vec<Cell>) -> Self {
-        // From the lowest level up, neighbours together.
+        // From the lowest level up.
         let mut level: Vec<(Cell, To)> = fine.into_iter().enumerate().map(|(i, cell)| (cell, To::Fine(i))).collect();
         let mut levels: Vec<Vec<(Nodes, Vec<To>)>> = Vec::new();
         let mut depth = 0;
         loop {
-            let blocks: Vec<(Nodes, Vec<To>)> = level.chunks(BELOW).map(of_chunk).collect();
+            let blocks = over_groups(&level);
             depth += blocks.iter().map(|it| it.0.depth).max().unwrap_or(0);
             level = blocks.iter().enumerate().map(|(i, it)| (it.0.cell.clone(), To::Coarse(i))).collect();
             levels.push(blocks);
@@ -216,7 +145,16 @@ impl Upper {
     }
 }
 
-fn of_chunk(chunk: &[(Cell, To)]) -> (Nodes, Vec<To>) {
-    let cells: Vec<Cell> = chunk.iter().map(|it| it.0.clone()).collect();
-    (Nodes::over(&cells), chunk.iter().map(|it| it.1).collect())
+/// Coarse blocks over groups of neighbours.
+fn over_groups(level: &[(Cell, To)]) -> Vec<(Nodes, Vec<To>)> {
+    let item =
+        |(index, (cell, _)): (usize, &(Cell, To))| Item { bounds: cell.bounds, load: [1, 0], index: index as u32 };
+    let mut items: Vec<Item> = level.iter().enumerate().map(item).collect();
+    let groups = pack(&mut items, [BELOW as u32, 1], SPARE);
+    let of_group = |group: std::ops::Range<usize>| {
+        let below = items[group].iter().map(|item| &level[item.index as usize]);
+        let (cells, to): (Vec<Cell>, Vec<To>) = below.map(|(cell, to)| (cell.clone(), *to)).unzip();
+        (Nodes::over(&cells), to)
+    };
+    groups.into_iter().map(of_group).collect()
 }

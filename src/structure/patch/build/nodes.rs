@@ -14,6 +14,11 @@ pub struct Nodes {
     pub depth: u32,
 }
 
+/// Most nodes over a number of items: each node has eight children, or two items or more and nothing else.
+pub const fn most_nodes(items: usize) -> usize {
+    items * 4 / 7 + 1
+}
+
 /// A child of a node.
 struct Slot {
     to: To,

@@ -12,6 +12,7 @@ mod mended;
 mod pick;
 mod speed;
 mod stand_ins;
+mod surfaces;
 mod table5;
 
 use crate::failure::{Failure, Outcome};
@@ -36,6 +37,7 @@ fn sheets(records: &[Record]) -> Vec<(&'static str, Sheet)> {
         ("lod", lod::sheet(records)),
         ("cold", cold::sheet(records)),
         ("builds", builds::sheet(records)),
+        ("surfaces", surfaces::sheet(records)),
         ("stand-ins-foreign", stand_ins::sheet(records, &stand_ins::FOREIGN)),
         ("stand-ins-brightness", stand_ins::sheet(records, &stand_ins::BRIGHTNESS)),
         ("stand-ins-flip", stand_ins::sheet(records, &stand_ins::FLIP)),
@@ -71,7 +73,7 @@ mod tests {
     use super::*;
     use crate::pairs::Spread;
     use crate::record::tests::{record, trace};
-    use crate::record::{Accuracy, Built, Cold, Moment, Outcomes};
+    use crate::record::{Accuracy, Built, Cold, Moment, Outcomes, Surfaced};
     use resvg::usvg::roxmltree::Document;
 
     fn records() -> Vec<Record> {
@@ -130,6 +132,15 @@ mod tests {
                 bytes_file,
             })
         };
+        for (side, rays) in [("patch", "primary"), (crate::surfaces::GRID, "primary"), ("patch", "bounce")] {
+            for level in [3, 4] {
+                let is_peer = side != "patch";
+                let (side, rays) = (side.to_owned(), rays.to_owned());
+                let key = format!("surfaces {side} {rays} {level}");
+                let found = Surfaced { side, is_peer, rays, level, bytes: 8000, mrays: 2.0, ..Surfaced::default() };
+                all.push(record("a car", &key, Outcomes::Surfaces(Box::new(found))));
+            }
+        }
         for (side, quality) in [("bvh", "default"), ("embree", "low"), ("embree", "high")] {
             all.push(record("a scan", &format!("build {quality}"), outcome(side, quality)));
             all.push(record("a CAD soup", &format!("soup {quality}"), outcome(side, quality)));
@@ -149,6 +160,7 @@ mod tests {
                 "lod",
                 "cold",
                 "builds",
+                "surfaces",
                 "stand-ins-foreign",
                 "stand-ins-brightness",
                 "stand-ins-flip"

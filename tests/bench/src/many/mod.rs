@@ -14,6 +14,7 @@ use crate::trace::Task;
 use commits::Mine;
 use forest::Forest;
 pub use table::table;
+pub use traced::timed;
 
 /// The side that is ours, as records call it.
 fn side_of(task: &Task) -> String {

@@ -21,7 +21,7 @@ use std::sync::Arc;
 const SAME: f64 = 1e-4;
 
 /// Seconds of a run in this thread.
-fn timed(run: &mut dyn Run) -> f64 {
+pub fn timed(run: &mut dyn Run) -> f64 {
     run.prepare();
     let begun = Clock::Thread.now();
     std::hint::black_box(run.run(1));

@@ -1,6 +1,7 @@
 //! Embree's side: each of its calls, for single rays, packets and streams.
 
 use super::Peer;
+use super::embree_calls::surfaces::{Cage, Grids};
 use super::embree_calls::{
     Context, NONE, Options, RtcHit, RtcHits, RtcRay, RtcRayHit, RtcRayHits, RtcRays, Scene, Valid,
 };
@@ -32,6 +33,18 @@ pub fn build(mesh: &Arc<Mesh>, quality: &str, threads: usize) -> Option<Box<dyn 
 pub fn build_placed(placed: &Placed, quality: &str, threads: usize) -> Option<Box<dyn Peer>> {
     let turns = placed.places.iter().map(|place| place.world_from_mesh.matrix3.inverse().transpose().as_mat3());
     peer(Scene::of_placed(placed, options(quality, threads)), placed.bytes(), Normals(turns.collect()))
+}
+
+/// A scene of grids.
+pub fn build_grids(grids: Grids, threads: usize) -> Option<Box<dyn Peer>> {
+    let bytes = grids.bytes();
+    peer(Scene::of_grids(grids, options("medium", threads)), bytes, Normals::default())
+}
+
+/// A scene of a cage with `rate` segments along each side of a face.
+pub fn build_cage(cage: Cage, rate: f32, threads: usize) -> Option<Box<dyn Peer>> {
+    let bytes = cage.bytes();
+    peer(Scene::of_cage(cage, rate, options("medium", threads)), bytes, Normals::default())
 }
 
 fn peer(scene: Result<Scene, String>, mesh_bytes: u64, normals: Normals) -> Option<Box<dyn Peer>> {

@@ -4,6 +4,7 @@
 
 mod instances;
 mod points;
+pub mod surfaces;
 
 pub use instances::resident;
 
@@ -163,6 +164,7 @@ calls! {
     new_geometry, b"rtcNewGeometry\0", unsafe extern "C" fn(Handle, c_int) -> Handle;
     set_shared_buffer, b"rtcSetSharedGeometryBuffer\0", SharedBuffer;
     set_geometry_quality, b"rtcSetGeometryBuildQuality\0", unsafe extern "C" fn(Handle, c_int);
+    set_tessellation, b"rtcSetGeometryTessellationRate\0", unsafe extern "C" fn(Handle, f32);
     commit_geometry, b"rtcCommitGeometry\0", unsafe extern "C" fn(Handle);
     attach_geometry, b"rtcAttachGeometry\0", unsafe extern "C" fn(Handle, Handle) -> c_uint;
     release_geometry, b"rtcReleaseGeometry\0", unsafe extern "C" fn(Handle);
@@ -207,6 +209,7 @@ pub struct Scene {
     bytes: Box<AtomicI64>,
     /// What Embree reads in place.
     shared: Vec<Buffers>,
+    surface: Option<surfaces::Shared>,
 }
 
 /// The buffers of a mesh that Embree shares.
@@ -287,7 +290,7 @@ impl Scene {
             (calls.set_monitor)(device, monitor, ptr::from_ref(&*bytes).cast_mut().cast());
             (calls.new_scene)(device)
         };
-        Ok(Self { calls, device, scene, below: Vec::new(), bytes, shared: Vec::new() })
+        Ok(Self { calls, device, scene, below: Vec::new(), bytes, shared: Vec::new(), surface: None })
     }
 
     /// The scene, if no call has failed.

@@ -1,6 +1,6 @@
 //! The peers: other ray tracers in this very process, which get the same rays in the same order.
 
-mod embree;
+pub mod embree;
 pub mod embree_calls;
 mod obvhs;
 mod parry3d;
