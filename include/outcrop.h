@@ -546,8 +546,8 @@ typedef struct oc_build_desc {
     /** One of the OC_SURFACE_LEAVES_ constants. */
     oc_surface_leaves surface_leaves;
     /**
-     * With OC_STRUCTURE_PATCH, squares of surfaces with more than 128 triangles are divided while the normals of one are
-     * not within a cone of this opening, in degrees up to 180. Smaller angles give tighter boxes, which take more
+     * With OC_STRUCTURE_PATCH, squares of surfaces with more than 128 triangles are divided while the normals of one
+     * are not within a cone of this opening, in degrees up to 180. Smaller angles give tighter boxes, which take more
      * memory. 0: 30 degrees.
      */
     float surface_flat;
@@ -2050,9 +2050,9 @@ typedef struct oc_place {
 #define OC_SURFACE_LEAVES_AUTO 0
 
 /**
- * Boxes alone are stored: the triangles are computed from the control points where a ray comes to them, at about a byte
- * of memory for each triangle. Displaced surfaces, surfaces of degrees above 3, and small squares at vertices where the
- * surface is no polynomial have facets.
+ * Boxes alone are stored: the triangles are computed from the control points where a ray comes to them, at about a
+ * byte of memory for each triangle. Displaced surfaces, surfaces of degrees above 3, and small squares at vertices
+ * where the surface is no polynomial have facets.
  */
 #define OC_SURFACE_LEAVES_BOXES 1
 
