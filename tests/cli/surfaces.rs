@@ -86,11 +86,13 @@ fn cages_are_built_described_and_checked() {
         |i: usize, end: &str| info[i]["bounds"][end].as_array().unwrap().iter().map(number).collect::<Vec<f64>>();
     assert!(["min", "max"].iter().all(|end| near(&bounds(0, end), &bounds(1, end))), "{info:?}");
 
-    // The grid of a face costs little more than its vertices.
-    let fine =
-        json(dir, &["build", "cube.obj", "--subdivide", "--structure", "patch", "--level", "6", "-o", "fine.oc"]);
-    let each = number(&fine["bytes_trace"]) / number(&fine["triangles_kept"]);
-    assert!(each > 6.0 && each < 10.0, "{each} bytes for each triangle");
+    // With facets the grid of a face costs little more than its vertices, with boxes much less.
+    for (leaves, bytes) in [("facets", 6.0..10.0), ("boxes", 1.0..5.0)] {
+        let fine = ["build", "cube.obj", "--subdivide", "--structure", "patch", "--level", "6", "-o", "fine.oc"];
+        let fine = json(dir, &[&fine[..], &["--leaves", leaves, "--flat", "40"]].concat());
+        let each = number(&fine["bytes_trace"]) / number(&fine["triangles_kept"]);
+        assert!(bytes.contains(&each), "{leaves}: {each} bytes for each triangle");
+    }
 
     // Neighbours of different levels meet in triangles: none is dropped, and errors include the tolerance.
     let both = build(dir, &["cube.obj"], &["--tolerance", "0.01"]);

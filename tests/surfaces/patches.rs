@@ -169,29 +169,39 @@ fn triangles_and_surfaces_share_a_model() {
 /// Every hit has a point of the surface within its error, and none before it: with cones from small to large.
 #[test]
 fn stand_ins_keep_the_promise() {
-    for name in ["cube_creases", "valence_5", "spike", "grid_2"] {
+    let shapes = [("cube_creases", 0.0), ("valence_5", 0.0), ("spike", 0.0), ("grid_2", 0.0), ("cube_creases", 0.15)];
+    // Some thousand rays a cone, or as many times more.
+    let times = std::env::var("OUTCROP_RAYS").ok().and_then(|text| text.parse().ok()).unwrap_or(1);
+    let mut rng = Rng::new(6);
+    let texels = (0..64).map(|_| rng.unit() as f32).collect();
+    let heights = Heights::new([8, 8], 1, [Wrap::Repeat; 2], texels).expect("heights");
+    for (name, scale) in shapes {
         let shape = own().into_iter().find(|it| it.name == name).expect("a shape");
-        let (built, _) = build(Structure::Patch, Dicing::Level(6), &|builder| cage(builder, &shape, None));
+        let coordinates = shape.coordinates();
+        let moved = Displacement { heights: &heights, scale, coordinates: &coordinates };
+        let displacement = (scale != 0.0).then_some(moved);
+        let (built, _) = build(Structure::Patch, Dicing::Level(6), &|builder| cage(builder, &shape, displacement));
         let (_context, scene, model) = scene(&built, None);
         let mut triangles: Vec<Tri> = Vec::new();
         let mut collect = |_: u32, micro: &outcrop::geom::surface::dice::Micro| {
             triangles.extend(micro.positions.iter().map(|t| t.map(|p| p.as_vec3().as_dvec3())));
             Ok(())
         };
-        let mesh = CageMesh { desc: shape.desc(), positions: &shape.points, parts: &[0], displacement: None };
+        let mesh = CageMesh { desc: shape.desc(), positions: &shape.points, parts: &[0], displacement };
         mesh.dice(Some(Dicing::Level(6)), &Cancel::new(), &mut collect).expect("triangles");
         let oracle = Bvh64::new(triangles);
         let mut lods = 0;
         for width in [0.0f32, 1e-3, 1e-2, 0.03, 0.1, 0.3] {
             let cone = Cone { a: width * shape.extent() as f32, b: 0.0 };
-            let rays: Vec<Ray> = rays(&shape.points, 3000).into_iter().map(|ray| Ray { cone, ..ray }).collect();
+            let rays: Vec<Ray> = rays(&shape.points, 3000 * times).into_iter().map(|ray| Ray { cone, ..ray }).collect();
             let mut tally = Tally::default();
             for (ray, hit) in rays.iter().zip(asked(&scene, &rays)) {
                 lods += usize::from(hit.kind == HitKind::Lod);
                 judge(&oracle, ray, &hit, &mut tally);
             }
             let slack = tally.slack.iter().copied().fold(f64::MAX, f64::min);
-            println!("{name}, {width}: {} exact, {} stand-ins, least slack {slack:.2}", tally.exact, tally.lod);
+            let (exact, lod) = (tally.exact, tally.lod);
+            println!("{name}, {scale}, {width}: {exact} exact, {lod} stand-ins, least slack {slack:.2e}");
         }
         assert!(lods > 1000, "{name}: {lods} stand-ins");
         drop(model);

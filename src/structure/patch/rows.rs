@@ -4,6 +4,7 @@
 
 use super::codes::{child, children};
 use super::layout::{Block, Child, Frame, Grid, Grids, bounds_of, grid_of, tree_words, tri_of};
+use super::leaf::CORNERS;
 use super::trace::{Cell, TreeView, planes_of};
 use crate::base::ids::BlockId;
 use crate::lod::{Coded, summary_bit};
@@ -134,12 +135,27 @@ fn has_area([a, b, c]: &[Vec3; 3]) -> bool {
     (b - a).cross(c - a) != DVec3::ZERO
 }
 
+/// The nine vertices of a leaf, rows along x; zeros if the grid has no such leaf.
+fn vertices_of(grid: &Grid, leaf: usize) -> [Vec3; 9] {
+    let (i, j) = super::layout::of_morton(leaf);
+    if 2 * i.max(j) + 2 >= grid.side {
+        return [Vec3::ZERO; 9];
+    }
+    std::array::from_fn(|at| grid.vertex(2 * i + at % 3, 2 * j + at / 3))
+}
+
+/// The corners of a triangle of a leaf with these vertices.
+fn corners_of(vertices: &[Vec3; 9], which: usize) -> [Vec3; 3] {
+    CORNERS.each_ref().map(|corners| vertices[usize::from(corners[which])])
+}
+
 /// Calls `visit` with the triangles of a leaf: their items and corners. Triangles without area are none.
 pub(super) fn each_triangle((grid, number, leaf): (&Grid, usize, usize), mut visit: impl FnMut(u32, Triangle)) {
-    for which in 0..8 {
-        let tri = tri_of(number, leaf, which);
-        if let Some(vertices) = grid.triangle(tri).filter(has_area) {
-            visit(tri, Triangle { vertices, part: grid.part() });
+    let all = vertices_of(grid, leaf);
+    for which in 0..COLUMNS {
+        let vertices = corners_of(&all, which);
+        if has_area(&vertices) {
+            visit(tri_of(number, leaf, which as u32), Triangle { vertices, part: grid.part() });
         }
     }
 }
@@ -184,7 +200,7 @@ impl TreeView<'_> {
                 (rows.mask, rows.is_leaf) = (0xff, true);
                 rows.first = TriHit { block: place.block, tri: tri_of(number, leaf, 0), ..TriHit::none(0.0) };
                 rows.parts = [grid.part(); COLUMNS];
-                fill(&grid, (number, leaf), rows);
+                fill(&grid, leaf, rows);
             }
             Some(here) => each_child(&here, place.block, self.leaves_at, |place, b, is_leaf, parts| {
                 let at = rows.mask.trailing_ones() as usize % COLUMNS;
@@ -202,20 +218,18 @@ impl TreeView<'_> {
 
 /// Fills in the nine vertices of a leaf, and the corners of its eight triangles. Those of a triangle without area are
 /// those of another one: walks over rows meet only triangles with an area, each with a hit on its own grid.
-fn fill(grid: &Grid, (number, leaf): (usize, usize), rows: &mut Rows) {
-    let (i, j) = super::layout::of_morton(leaf);
-    for at in 0..9 {
-        let (column, row) = (2 * i + at % 3, 2 * j + at / 3);
-        let vertex = if column < grid.side && row < grid.side { grid.vertex(column, row) } else { Vec3::ZERO };
+fn fill(grid: &Grid, leaf: usize, rows: &mut Rows) {
+    let all = vertices_of(grid, leaf);
+    for (at, vertex) in all.iter().enumerate() {
         (0..3).for_each(|axis| rows.vertices[axis][at] = vertex[axis]);
     }
-    let is_whole = |which: &usize| grid.triangle(tri_of(number, leaf, *which as u32)).is_some_and(|t| has_area(&t));
+    let is_whole = |which: &usize| has_area(&corners_of(&all, *which));
     let Some(first) = (0..COLUMNS).find(is_whole) else {
         rows.mask = 0;
         return;
     };
     for which in 0..COLUMNS {
         let from = if is_whole(&which) { which } else { first };
-        (0..3).for_each(|corner| rows.corners[corner][which] = super::leaf::CORNERS[corner][from]);
+        (0..3).for_each(|corner| rows.corners[corner][which] = CORNERS[corner][from]);
     }
 }
