@@ -247,6 +247,13 @@ impl Node<'_> {
         Child::from_bits(self.0[48 + (slot & 7)])
     }
 
+    /// The references of all children.
+    #[inline(always)]
+    pub fn references(&self) -> &[u32; WIDTH] {
+        let rows: &[[u32; WIDTH]; WIDTH] = must_cast_ref(self.0);
+        &rows[6]
+    }
+
     /// The children with their slots.
     pub fn children(&self) -> impl Iterator<Item = (usize, Child)> + '_ {
         (0..WIDTH).map(|slot| (slot, self.child(slot))).filter(|it| it.1 != Child::None)

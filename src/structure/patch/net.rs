@@ -295,8 +295,9 @@ impl Computed<'_> {
     /// The unit normal at a vertex along du × dv; zero where there is none.
     pub fn normal(&self, level: u32, i: usize, j: usize) -> Vec3 {
         let [u, v] = self.parameters(level, i, j);
-        let [_, du, dv, ..] = self.net.derivatives(u, v);
-        du.cross(dv).normalize_or_zero().as_vec3()
+        let mut found = Vec3::ZERO;
+        self.net.row_of(std::iter::once(u), v, |_, normal| found = normal);
+        found
     }
 
     /// The nine vertices of a leaf of the quadtree of a grid, by axis, then rows along u.

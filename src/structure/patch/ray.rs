@@ -49,7 +49,7 @@ impl<'a> Prepared<'a> {
 
     /// The boxes of eight children that the ray meets from `t_min` to `t_max`, and where it enters them.
     #[inline(always)]
-    pub fn boxes<S: Simd>(&self, s: S, rows: &[[f32; 8]; 6], t_max: f32) -> (u32, [f32; 8]) {
+    pub fn boxes<S: Simd>(&self, s: S, rows: &[[f32; 8]; 6], t_max: f32) -> (u32, S::F8) {
         let (mut enter, mut leave) = (s.splat8(self.ray.t_min), s.splat8(t_max));
         for axis in 0..3 {
             let is_positive = self.inv[axis] >= 0.0;
@@ -59,7 +59,7 @@ impl<'a> Prepared<'a> {
             enter = ((s.load8(&rows[near]) - slack - org) * inv).max(enter);
             leave = ((s.load8(&rows[far]) + slack - org) * inv).min(leave);
         }
-        (enter.le(leave).bits(), enter.to_array())
+        (enter.le(leave).bits(), enter)
     }
 
     /// Distances at which the ray enters and leaves a cell.
@@ -98,6 +98,12 @@ pub struct FrameRay<S: Simd> {
     faces: [f32; 3],
 }
 
+/// The lesser and the greater of two numbers. (`f32::min` and `f32::max` take three instructions each, for NaN.)
+#[inline(always)]
+fn ordered(a: f32, b: f32) -> [f32; 2] {
+    [if a < b { a } else { b }, if a > b { a } else { b }]
+}
+
 impl<S: Simd> FrameRay<S> {
     /// The ray in a frame that it enters at `from` or behind.
     #[inline(always)]
@@ -134,8 +140,9 @@ impl<S: Simd> FrameRay<S> {
         let (mut enter, mut leave) = ([0.0f32; 4], [0.0f32; 4]);
         for i in 0..4 {
             let (x, y) = (2 * (i & 1), 4 + (i & 2));
-            enter[i] = t[x].min(t[x + 1]).max(t[y].min(t[y + 1])).max(z[i].min(z[i + 4]));
-            leave[i] = t[x].max(t[x + 1]).min(t[y].max(t[y + 1])).min(z[i].max(z[i + 4]));
+            let ends = [ordered(t[x], t[x + 1]), ordered(t[y], t[y + 1]), ordered(z[i], z[i + 4])];
+            enter[i] = ordered(ordered(ends[0][0], ends[1][0])[1], ends[2][0])[1];
+            leave[i] = ordered(ordered(ends[0][1], ends[1][1])[0], ends[2][1])[0];
         }
         [enter, leave]
     }

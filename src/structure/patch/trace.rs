@@ -13,7 +13,7 @@ use crate::base::ids::BlockId;
 use crate::lod::Coded;
 use crate::math::{Bounds, bits, octahedral};
 use crate::residency::Snapshot;
-use crate::simd::{Isa, Op, Simd, dispatch};
+use crate::simd::{Isa, Lanes, Op, Simd, dispatch};
 use crate::structure::fallback::SingleWalks;
 use crate::structure::filter::PartFilter;
 use crate::structure::hit::{Outcome, StandIn, TriHit, Triangle};
@@ -202,9 +202,13 @@ impl<'a> TreeView<'a> {
         let Some(node) = block.node(index) else { return };
         walk.counters.nodes += 1;
         let (met, enter) = ray.boxes(s, node.rows(), walk.best.t);
-        let bottom = walk.stack.len();
         // Without cells there is nothing to judge.
         let has_cells = ray.is_lod || self.visit.accept_missing;
+        if !has_cells {
+            push_far_first(s, (met, enter), &node, id, walk);
+            return;
+        }
+        let (bottom, enter) = (walk.stack.len(), enter.to_array());
         for slot in bits(met) {
             let (to, below) = match node.child(slot) {
                 Child::None => continue,
@@ -215,7 +219,7 @@ impl<'a> TreeView<'a> {
             if enter[slot] > walk.best.t {
                 continue;
             }
-            if let Some(voxel) = if has_cells { block.voxel(&node, slot) } else { None } {
+            if let Some(voxel) = block.voxel(&node, slot) {
                 let bounds = node.bounds(slot);
                 let planes = planes_of_bounds(&bounds);
                 let parts = Parts { words: voxel.0[3], summary: voxel.0[4] };
@@ -405,6 +409,20 @@ impl<'a> TreeView<'a> {
     pub(super) fn node_of(&self, block: u32, node: usize) -> Option<(Block<'a>, Node<'a>)> {
         let block = Block(self.words(block)?);
         Some((block, block.node(node)?))
+    }
+}
+
+/// Pushes the children of a node of block `id` that a ray meets, the nearest last.
+#[inline(always)]
+fn push_far_first<S: Simd>(s: S, (met, enter): (u32, S::F8), node: &Node, id: u32, walk: &mut Walk) {
+    let (mut at, mut children) = ([0.0; 8], [0; 8]);
+    s.order8(enter, met, node.references(), &mut at, &mut children);
+    for i in 0..met.count_ones() as usize & 15 {
+        let (block, child) = match Child::from_bits(children[i & 7]) {
+            Child::Block(to) => (to, 0),
+            _ => (id, children[i & 7]),
+        };
+        walk.stack.push(Entry { t: at[i & 7], block, child });
     }
 }
 

@@ -139,6 +139,7 @@ fn stand_ins_are_no_nearer_than_their_frames() {
         let (node, slot) = slots.find(|(node, slot)| node.child(*slot) == Child::Frame(word)).unwrap();
         let ray = Prepared::new(ray, view.max_coord, None);
         let (met, enter) = ray.boxes(crate::simd::Portable::new(), node.rows(), f32::INFINITY);
+        let enter = enter.to_array();
         assert!(met >> slot & 1 == 1 && hit.t >= enter[slot], "{hit:?}: the frame begins at {}", enter[slot]);
         checked += 1;
     }
