@@ -318,7 +318,7 @@ fn fields_are_where_the_format_says() {
     let u32_at = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap());
     let u64_at = |at: usize| u64_at(&bytes, at);
     let f64_at = |at: usize| f64::from_bits(u64_at(at));
-    assert_eq!(bytes[..16], *b"\x8fOCR\r\n\x1a\n\0\0\x0c\0\0\x01\0\0");
+    assert_eq!(bytes[..16], *b"\x8fOCR\r\n\x1a\n\0\0\x0d\0\0\x01\0\0");
     assert_eq!([u64_at(16), u64_at(24)], [bytes.len() as u64, bytes.len() as u64 - 312]);
     assert_eq!([40, 44, 48, 52, 56, 60].map(u32_at), [7, 6, 1, 65536, 1, 0]);
     assert_eq!([u64_at(120), u64_at(128)], [41, 0]);
