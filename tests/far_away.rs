@@ -74,8 +74,8 @@ fn same_depth(a: &[u8], b: &[u8]) -> bool {
     (bits(a) - bits(b)).abs() <= 1
 }
 
-/// Whether two pairs of weights of corners differ by a few roundings at most, for the same reason: an origin that is off
-/// by 10^7 * 2^-53 moves them by that over the width of a triangle.
+/// Whether two pairs of weights of corners differ by a few roundings at most, for the same reason: an origin that is
+/// off by 10^7 * 2^-53 moves them by that over the width of a triangle.
 fn same_weights(a: &[u8], b: &[u8]) -> bool {
     let all = |p: &[u8]| p.as_chunks().0.iter().map(|bytes| f32::from_ne_bytes(*bytes)).collect::<Vec<f32>>();
     all(a).iter().zip(all(b)).all(|(a, b)| (a - b).abs() <= 1e-6)
