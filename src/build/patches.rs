@@ -127,7 +127,7 @@ impl Patches<'_> {
         };
         let levels = par.map(quads.count(), |quad| if cancel.check().is_ok() { dicer.level(quad) } else { 1 });
         cancel.check()?;
-        let works = works(quads, origin, &levels, &par);
+        let works = works(quads, (origin, maker.is_computed), &levels, &par);
         let mut blocks = Blocks {
             plans: Plans::default(),
             ready: Vec::new(),
@@ -178,10 +178,9 @@ impl Patches<'_> {
 
 /// The work in an order in which neighbours follow each other: groups of quads by a partition of their middles, and the
 /// tiles of a quad along a curve that fills its square.
-fn works<Q: Quads + Sync>(quads: &Q, origin: DVec3, levels: &[u32], par: &Par) -> Vec<Work> {
+fn works<Q: Quads + Sync>(quads: &Q, (origin, is_computed): (DVec3, bool), levels: &[u32], par: &Par) -> Vec<Work> {
     // Tiles of a quad, by the logarithm of their number.
     let tiles = |level: u32| 2 * (level - level.min(MOST_LEVEL));
-    let is_computed = quads.has_bicubics();
     let mut items = par.map(levels.len(), |quad| {
         let middle = (quads.sample(quad, 0.5, 0.5).position - origin).as_vec3();
         let load = bake::expected(levels[quad].min(MOST_LEVEL), 1 << tiles(levels[quad]), is_computed);

@@ -87,12 +87,16 @@ fn cages_are_built_described_and_checked() {
     assert!(["min", "max"].iter().all(|end| near(&bounds(0, end), &bounds(1, end))), "{info:?}");
 
     // With facets the grid of a face costs little more than its vertices, with boxes much less.
-    for (leaves, bytes) in [("facets", 6.0..10.0), ("boxes", 1.0..5.0)] {
+    let mut sizes = Vec::new();
+    for (leaves, flat, bytes) in [("facets", "40", 6.0..10.0), ("boxes", "40", 1.0..5.0), ("boxes", "5", 1.0..6.0)] {
         let fine = ["build", "cube.obj", "--subdivide", "--structure", "patch", "--level", "6", "-o", "fine.oc"];
-        let fine = json(dir, &[&fine[..], &["--leaves", leaves, "--flat", "40"]].concat());
+        let fine = json(dir, &[&fine[..], &["--leaves", leaves, "--flat", flat]].concat());
         let each = number(&fine["bytes_trace"]) / number(&fine["triangles_kept"]);
         assert!(bytes.contains(&each), "{leaves}: {each} bytes for each triangle");
+        sizes.push(each);
     }
+    // Flatter squares are more.
+    assert!(sizes[2] > sizes[1], "{sizes:?}");
 
     // Neighbours of different levels meet in triangles: none is dropped, and errors include the tolerance.
     let both = build(dir, &["cube.obj"], &["--tolerance", "0.01"]);

@@ -86,7 +86,7 @@ impl<'a> TreeView<'a> {
         }
         let number = grid_of(hit.tri);
         let at = Grids(self.words(hit.block)?).grid(number)?.at(hit.tri, [hit.u, hit.v])?;
-        let (_, frame) = Block(self.words(hit.block.checked_sub(self.leaves_at)?)?).all_frames().nth(number)?;
+        let frame = Block(self.words(hit.block.checked_sub(self.leaves_at)?)?).frame_of_grid(number)?;
         Some(in_face(&frame, at))
     }
 

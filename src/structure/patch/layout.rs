@@ -21,15 +21,16 @@
 //!
 //! | words of a node | |
 //! |---|---|
-//! | 0 to 47 | boxes of up to eight children, then empty ones: low x of all, low y, low z, high x, high y, high z (f32) |
+//! | 0 to 47 | boxes of up to eight children, then empty ones: low x of all, low y, low z, high x, high y, high z |
+//! | | (f32) |
 //! | 48 to 55 | references: see [`Child`] |
 //! | 56 to 63 | first words of the children's voxels; 0 for frames |
 //!
 //! | words of a voxel | |
 //! |---|---|
 //! | 0 | oriented slabs of everything below in the child's box (`lod::OrientedSlabs`), with level 0 |
-//! | 1 to 4 | the voxel (`lod::Coded`): a sample, whose second word is 0 beside samples of sides; the part; the summary |
-//! | | of parts; it stops all rays |
+//! | 1 to 4 | the voxel (`lod::Coded`): a sample, whose second word is 0 beside samples of sides; the part; the |
+//! | | summary of parts; it stops all rays |
 //! | 5 to 16 | samples of its six sides, if it has them |
 //!
 //! | words of a frame | |
@@ -64,8 +65,8 @@
 //! | further words of a computed grid | |
 //! |---|---|
 //! | 4 | first word of the net |
-//! | 5 | place of the grid's square in the patch of the net: level (bits 0 to 3) and column (4 to 15) along u, row (16 to |
-//! | | 27) and level (28 to 31) along v |
+//! | 5 | place of the grid's square in the patch of the net: level (bits 0 to 3) and column (4 to 15) along u, row |
+//! | | (16 to 27) and level (28 to 31) along v |
 //! | 6 | bits 0 to 15: by how many levels the edges at v = 0, v = 1, u = 0 and u = 1 are coarser than the grid; their |
 //! | | points take the places of the vertices between them. Bits 16 to 31: number of corrections |
 //! | .. | corrections: number of the vertex, its coordinates |
@@ -209,6 +210,11 @@ impl<'a> Block<'a> {
             at += frame.size();
             Some((here, frame))
         })
+    }
+
+    /// The frame with a number: that of the grid of this number in the leaf block.
+    pub fn frame_of_grid(self, number: usize) -> Option<Frame<'a>> {
+        self.all_frames().nth(number).map(|it| it.1)
     }
 
     /// The voxel of a child.
@@ -486,6 +492,13 @@ impl Grid<'_> {
             0 => [at(i, j), at(i + 1, j), at(i + 1, j + 1)],
             _ => [at(i, j), at(i + 1, j + 1), at(i, j + 1)],
         })
+    }
+
+    /// Where a vertex is in the grid's square, from 0 to 1 along both sides.
+    pub fn parameters(&self, i: usize, j: usize) -> [f32; 2] {
+        let [i, j] = self.computed.map_or([i, j], |it| it.index(self.level, i, j));
+        let cells = (self.side - 1) as f32;
+        [i as f32 / cells, j as f32 / cells]
     }
 
     /// Where a point of a triangle of [`tri_of`] is in the grid's square, by the weights of its second and third

@@ -10,7 +10,7 @@
 
 #![allow(clippy::needless_range_loop)] // rows, columns and axes index several arrays at once
 
-use super::layout::{Grid, MOST_PLACE, of_morton};
+use super::layout::{MOST_PLACE, of_morton};
 use crate::simd::{Doubles, Simd};
 use glam::{DVec3, Vec3};
 
@@ -243,7 +243,7 @@ impl Computed<'_> {
     /// The column and the row on the patch of a vertex of a grid with 2^level cells along a side: at sides whose edges
     /// are coarser, those of the nearest point of the edge.
     #[inline(always)]
-    fn index(&self, level: u32, i: usize, j: usize) -> [usize; 2] {
+    pub fn index(&self, level: u32, i: usize, j: usize) -> [usize; 2] {
         let (mut at, last) = ([i, j], 1usize << level);
         if self.steps != 0 {
             for (side, is_on) in [j == 0, j == last, i == 0, i == last].into_iter().enumerate() {
@@ -334,15 +334,6 @@ fn scale_of(exponent: u32) -> f64 {
     f64::from_bits(u64::from(1023 - (exponent & 63)) << 52)
 }
 
-impl<'a> Grid<'a> {
-    /// Where a vertex is in the grid's square, from 0 to 1 along both sides.
-    pub fn parameters(&self, i: usize, j: usize) -> [f32; 2] {
-        let [i, j] = self.computed.map_or([i, j], |it| it.index(self.level, i, j));
-        let cells = (self.side - 1) as f32;
-        [i as f32 / cells, j as f32 / cells]
-    }
-}
-
 /// Checks a computed grid of a level. Fails with the fault.
 pub fn check(grid: &Computed, level: u32) -> Result<(), String> {
     if grid.place.iter().any(|[above, index]| *above > MOST_PLACE || index >> above != 0) {
@@ -369,7 +360,6 @@ mod tests {
     use crate::geom::surface::dice::BicubicPatch;
     use crate::simd::{Isa, Op, dispatch};
     use crate::structure::patch::build::words_of;
-    use glam::DVec4;
     use proptest::prelude::*;
 
     /// A patch of any control points, with its place.
@@ -377,19 +367,6 @@ mod tests {
         let weight = |i: usize| if is_rational { 0.5 + numbers[48 + i].abs() } else { 1.0 };
         let point = |i: usize| DVec3::from_slice(&numbers[3 * i..]) * weight(i);
         BicubicPatch { points: std::array::from_fn(|i| point(i).extend(weight(i))), is_rational, place }
-    }
-
-    /// The point by de Casteljau's algorithm.
-    fn casteljau(patch: &BicubicPatch, u: f64, v: f64) -> DVec3 {
-        let line = |mut p: [DVec4; 4], t: f64| {
-            for last in (0..3).rev() {
-                (0..=last).for_each(|i| p[i] = p[i].lerp(p[i + 1], t));
-            }
-            p[0]
-        };
-        let rows: [DVec4; 4] = std::array::from_fn(|row| line(std::array::from_fn(|i| patch.points[4 * row + i]), u));
-        let p = line(rows, v);
-        p.truncate() / p.w
     }
 
     struct Nine<'a>(Computed<'a>, u32, usize);
@@ -438,7 +415,7 @@ mod tests {
             let patch = patch(&numbers, is_rational, [[0; 2]; 2]);
             let words = words_of(&patch);
             let net = Net::at(&words, is_rational).unwrap();
-            let at = |u: f64, v: f64| casteljau(&patch, u, v);
+            let at = |u: f64, v: f64| patch.point(u, v);
             let [p, du, dv, duu, duv, dvv] = net.derivatives(u, v);
             prop_assert!(p.distance(at(u, v)) < 1e-13);
             prop_assert!(net.point(u, v).as_dvec3().distance(p) < 1e-6);

@@ -16,7 +16,7 @@ impl TreeView<'_> {
         let Some(above) = hit.block.checked_sub(self.leaves_at) else { return Ok(None) };
         let frames = Block(self.visited(above).ok_or(BlockId(above))?);
         let number = grid_of(hit.tri);
-        let (Some(grid), Some((_, frame))) = (grids.grid(number), frames.all_frames().nth(number)) else {
+        let (Some(grid), Some(frame)) = (grids.grid(number), frames.frame_of_grid(number)) else {
             return Ok(None);
         };
         let normals = self.normals(hit)?.map(|normals| normals.map(Vec3::as_dvec3));

@@ -2,7 +2,7 @@
 
 use super::bicubic::bezier;
 use super::plan::{Node, Plan};
-use crate::geom::surface::dice::{BicubicPatch, Interval, descend, intervals};
+use crate::geom::surface::dice::{BicubicPatch, Interval, intervals};
 use glam::{DVec3, DVec4};
 
 const WHOLE: [f64; 2] = [0.0, 1.0];
@@ -55,31 +55,40 @@ fn across_crease(patches: u32, [mut level, index]: Interval) -> Option<(u32, Int
     Some((patches - 1, [level, index]))
 }
 
+/// The quarter of a square of a place, as the child of its first level, and the place in that child. `None` for the
+/// whole square. Children are those at the corners of the square, anticlockwise from that at u = v = 0.
+fn descend([level, column, row]: [u32; 3]) -> Option<(usize, [u32; 3])> {
+    let below = level.checked_sub(1)?;
+    let (right, upper) = (column >> below & 1, row >> below & 1);
+    let child = [0, 1, 3, 2][(right + 2 * upper) as usize];
+    let own = (1 << below) - 1;
+    Some((child, [below, column & own, row & own]))
+}
+
 /// The place of a square in the quad that is turned so that it begins at `corner`: see `evaluate::to_corner`.
-fn to_corner([level, column, row]: [u32; 3], corner: u32) -> [u32; 3] {
-    let last = (1 << level) - 1;
+fn to_corner(place: [u32; 3], corner: u32) -> [u32; 3] {
+    let [[level, column], [_, row]] = from_corner(intervals(place), (4 - corner) % 4);
+    [level, column, row]
+}
+
+/// The place in a quad of one in the quad that is turned so that it begins at `corner`.
+fn from_corner([u, v]: [Interval; 2], corner: u32) -> [Interval; 2] {
+    let mirrored = |[level, index]: Interval| [level, (1 << level) - 1 - index];
     match corner {
-        0 => [level, column, row],
-        1 => [level, row, last - column],
-        2 => [level, last - column, last - row],
-        _ => [level, last - row, column],
+        0 => [u, v],
+        1 => [mirrored(v), u],
+        2 => [mirrored(u), mirrored(v)],
+        _ => [v, mirrored(u)],
     }
 }
 
 /// The patch of Bézier points of the quad that is turned so that it begins at `corner`, with a place there.
-fn turned(points: [DVec3; 16], corner: u32, [u, v]: [Interval; 2]) -> BicubicPatch {
+fn turned(points: [DVec3; 16], corner: u32, place: [Interval; 2]) -> BicubicPatch {
     // At (column, row) of the quad are the points of the turned quad's column and row.
     let from = |i: usize| {
         let [_, column, row] = to_corner([2, (i % 4) as u32, (i / 4) as u32], corner);
         points[(4 * row + column) as usize]
     };
     let points: [DVec4; 16] = std::array::from_fn(|i| from(i).extend(1.0));
-    let mirrored = |[level, index]: Interval| [level, (1 << level) - 1 - index];
-    let place = match corner {
-        0 => [u, v],
-        1 => [mirrored(v), u],
-        2 => [mirrored(u), mirrored(v)],
-        _ => [v, mirrored(u)],
-    };
-    BicubicPatch { points, is_rational: false, place }
+    BicubicPatch { points, is_rational: false, place: from_corner(place, corner) }
 }

@@ -72,16 +72,6 @@ pub fn intervals([level, column, row]: [u32; 3]) -> [Interval; 2] {
     [[level, column], [level, row]]
 }
 
-/// The quarter of a square of a place, as the child of its first level, and the place in that child. `None` for the
-/// whole square. Children are those at the corners of the square, anticlockwise from that at u = v = 0.
-pub fn descend([level, column, row]: [u32; 3]) -> Option<(usize, [u32; 3])> {
-    let below = level.checked_sub(1)?;
-    let (right, upper) = (column >> below & 1, row >> below & 1);
-    let child = [0, 1, 3, 2][(right + 2 * upper) as usize];
-    let own = (1 << below) - 1;
-    Some((child, [below, column & own, row & own]))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -92,18 +82,20 @@ mod tests {
     use crate::geom::surface::nurbs::tests::{Owned, rng, sphere};
     use glam::DVec3;
 
-    /// The point of a patch by de Casteljau's algorithm.
-    fn point(patch: &BicubicPatch, u: f64, v: f64) -> DVec3 {
-        let line = |mut p: [DVec4; 4], t: f64| {
-            for last in (0..3).rev() {
-                (0..=last).for_each(|i| p[i] = p[i].lerp(p[i + 1], t));
-            }
-            p[0]
-        };
-        let rows: [DVec4; 4] = std::array::from_fn(|row| line(std::array::from_fn(|i| patch.points[4 * row + i]), u));
-        let p = line(rows, v);
-        assert!(patch.is_rational || p.w == 1.0);
-        p.truncate() / p.w
+    impl BicubicPatch {
+        /// The point at (u, v) by de Casteljau's algorithm.
+        pub(crate) fn point(&self, u: f64, v: f64) -> DVec3 {
+            let line = |mut p: [DVec4; 4], t: f64| {
+                for last in (0..3).rev() {
+                    (0..=last).for_each(|i| p[i] = p[i].lerp(p[i + 1], t));
+                }
+                p[0]
+            };
+            let row = |row: usize| line(std::array::from_fn(|i| self.points[4 * row + i]), u);
+            let p = line(std::array::from_fn(row), v);
+            assert!(self.is_rational || p.w == 1.0);
+            p.truncate() / p.w
+        }
     }
 
     /// Compares patches with samples in squares of all levels up to 8. Returns the share of squares of each level that
@@ -126,10 +118,10 @@ mod tests {
                     };
                     let ((a, b), (c, d)) = (at(intervals(place)), at(patch.place));
                     assert!(patch.place.iter().all(|[level, index]| index >> level == 0), "{:?}", patch.place);
-                    let (expected, found) = (quads.sample(quad, a, b).position, point(&patch, c, d));
+                    let (expected, found) = (quads.sample(quad, a, b).position, patch.point(c, d));
                     assert!(expected.distance(found) <= 1e-13 * size, "quad {quad}, {place:?}: {expected}, {found}");
-                    let (found, turned) = (point(&patch, c, d), patch.transposed());
-                    assert!(point(&turned, d, c).distance(found) <= 1e-14 * size);
+                    let (found, turned) = (patch.point(c, d), patch.transposed());
+                    assert!(turned.point(d, c).distance(found) <= 1e-14 * size);
                 }
             }
             shares.push(f64::from(met) / f64::from(all.max(1)));

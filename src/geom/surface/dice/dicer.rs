@@ -74,29 +74,23 @@ impl<'a, Q: Quads> Dicer<'a, Q> {
     /// A tile evaluates its own samples alone, at edges once for each quad around. Neighbours have the same bits on
     /// their common border: positions and normals within a quad, positions between quads.
     pub fn tile(&self, quad: usize, level: u32, tile_level: u32, i: u32, j: u32, out: &mut Tile) {
-        debug_assert!(tile_level <= level && i.max(j) >> (level - tile_level) == 0, "a tile outside of its grid");
-        let ranges = [i, j].map(|at| [at, at + 1].map(|end| (end as usize) << tile_level));
-        let block = self.block(quad, level, ranges);
-        out.positions.clear();
-        out.normals.clear();
-        for j in ranges[1][0]..=ranges[1][1] {
-            for sample in block.row(j) {
-                out.positions.push(sample.position);
-                out.normals.push(sample.normal.as_vec3());
-            }
-        }
+        self.fill(quad, level, tile_level, [i, j], false, out);
     }
 
     /// Fills `out` as [`Self::tile`] does, but for the samples inside of the tile, which are zero.
     pub fn border(&self, quad: usize, level: u32, tile_level: u32, i: u32, j: u32, out: &mut Tile) {
-        let last = 1usize << tile_level;
-        let [first, low] = [i, j].map(|at| (at as usize) << tile_level);
-        let block = self.block(quad, level, [[first, first + last], [low, low + last]]);
+        self.fill(quad, level, tile_level, [i, j], true, out);
+    }
+
+    fn fill(&self, quad: usize, level: u32, tile_level: u32, at: [u32; 2], is_hollow: bool, out: &mut Tile) {
+        debug_assert!(tile_level <= level && at[0].max(at[1]) >> (level - tile_level) == 0, "outside of the grid");
+        let ranges = at.map(|at| [at, at + 1].map(|end| (end as usize) << tile_level));
+        let (block, [[left, right], [low, high]]) = (self.block(quad, level, ranges), ranges);
         out.positions.clear();
         out.normals.clear();
-        for (column, row) in (0..=last).flat_map(|row| (0..=last).map(move |column| (column, row))) {
-            let is_inside = (1..last).contains(&column) && (1..last).contains(&row);
-            let sample = if is_inside { Sample::default() } else { block.at(first + column, low + row) };
+        for (i, j) in (low..=high).flat_map(|j| (left..=right).map(move |i| (i, j))) {
+            let is_inside = i > left && i < right && j > low && j < high;
+            let sample = if is_hollow && is_inside { Sample::default() } else { block.at(i, j) };
             out.positions.push(sample.position);
             out.normals.push(sample.normal.as_vec3());
         }

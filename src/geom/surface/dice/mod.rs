@@ -20,7 +20,7 @@ use crate::base::error::{Error, Result};
 use crate::base::progress::Cancel;
 use glam::{DVec3, Vec3};
 
-pub use bicubic::{BicubicPatch, Interval, descend, intervals};
+pub use bicubic::{BicubicPatch, Interval, intervals};
 pub use dicer::{Dicer, Tile};
 
 /// The highest [`Dicing::level`]: 4096 segments along a side.

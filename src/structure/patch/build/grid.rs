@@ -40,8 +40,11 @@ pub fn computed(tile: &Tile) -> Option<(Vec<u32>, Vec<u32>)> {
     let predicted = Computed { net: Net::at(&net, is_rational)?, net_at: 0, place, steps, corrections: &[] };
     let (side, mut corrections) = (tile.side(), Vec::new());
     for (number, p) in tile.positions.iter().enumerate() {
-        if predicted.vertex(tile.level, number % side, number / side) != *p {
-            corrections.push([number as u32, p.x.to_bits(), p.y.to_bits(), p.z.to_bits()]);
+        // Zeros of both signs are equal as numbers.
+        let bits = |p: Vec3| p.to_array().map(f32::to_bits);
+        let [x, y, z] = bits(*p);
+        if bits(predicted.vertex(tile.level, number % side, number / side)) != [x, y, z] {
+            corrections.push([number as u32, x, y, z]);
         }
     }
     if corrections.len() > most || !has_normals(tile, &predicted) {
